@@ -8,8 +8,8 @@ from .belief.ukf import wrap
 from .goals import End, NavigationGoal
 
 REACH = (0.5, 0.75)
-"""Parts of the tolerance within which the estimate ends the walk: of an unsure and of a sure robot. Nearer than half of
-0.2 m steps of 0.1 m overshoot; beyond three quarters the closing step may lead out again."""
+"""Distance from the last waypoint at which a walk ends, as parts of the goal's position tolerance: for an uncertain and
+for a certain pose. Below 0.5 steps of 0.1 m overshoot; above 0.75 the closing step may leave the tolerance."""
 
 
 def spread(cov: Array) -> float:
@@ -47,7 +47,7 @@ def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
 
 
 def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return True if the position lies within the goal's tolerance with `sure` standard deviations to spare.
+    """Return True if the position lies within the goal's tolerance by at least `sure` standard deviations.
 
     `mean`, `cov`: believed x, y (m), heading (rad), frame map, (n,), n >= 3, and their covariance, (n, n).
     """
@@ -55,7 +55,7 @@ def surely_there(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> 
 
 
 def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> bool:
-    """Return True if the heading lies within the goal's tolerance with `sure` standard deviations to spare.
+    """Return True if the heading lies within the goal's tolerance by at least `sure` standard deviations.
 
     It is True for a goal that asks for no heading.
 

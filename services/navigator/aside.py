@@ -18,17 +18,18 @@ from .planning.grid import Point
 from .searching import Aside
 
 ENOUGH = 8.0
-"""Landmarks around its end that make a way no better than a shorter one."""
+"""Number of distinguishing landmarks around the end of a walk above which more do not count: the shortest such walk
+wins."""
 LENGTHS = tuple(0.4 * k for k in range(1, 9))
-"""Lengths of the straight walks that are compared, m."""
+"""Lengths of the straight walks among which a lost robot chooses one to single out its pose, m."""
 BEARINGS = tuple(math.radians(22.5 * k) for k in range(-8, 8))
-"""Directions of the straight walks that are compared, rad from the robot's heading, left positive."""
+"""Directions of the straight walks among which a lost robot chooses, rad from its heading, left positive."""
 FROM = 0.2
-"""Length of the begin of a way on which a robot may stand beside an obstacle, m."""
+"""Length of the first part of a straight walk that is not checked for obstacles, m: the robot may stand beside one."""
 
 
 def leading(localiser: Localiser, maps: Maps) -> Aside:
-    """Return a function without arguments that returns a walk which helps a lost robot to single out one pose.
+    """Return a function that finds a short walk by which a lost robot can single out one of its candidate poses.
 
     It takes candidate poses and maps as they are at the call, and returns x, y of the walk's end in the robot's axes,
     m, or None.
@@ -68,11 +69,11 @@ def way_aside(alike: tuple[Pose, ...], world: FloorLandmarks, noise: SightNoise,
 
 
 def _free(pose: Array, ends: Array, costs: Costs) -> NDArray[np.bool_]:
-    """Return True for each straight way from a pose that is free of obstacles, but for its first 0.2 m, (e,).
+    """Return True for each straight walk from a pose that is free of obstacles, but for its first 0.2 m, (e,).
 
     Args:
         pose: x, y (m), heading (rad), frame map, (3,).
-        ends: of the ways, in the axes of that pose, (e, 2) m.
+        ends: of the walks, in the axes of that pose, (e, 2) m.
         costs: of walking over the cells of the map.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])

@@ -1,4 +1,4 @@
-"""Model of the robot, its actions and its policies, by the names of one configuration of the service."""
+"""Navigation model, actions and policies by name, for one configuration of the navigator."""
 
 import math
 
@@ -16,7 +16,7 @@ from .policy.params import ActionModel, NavigationModel, load
 
 
 def act_of(name: str, action: ActionModel, model: NavigationModel) -> Act:
-    """Return an action of the model, under its name, as the pilot orders and predicts it."""
+    """Return an action of the navigation model as the pilot orders and predicts it."""
     row = row_of(model, action)
     motion = row.forward, 0.0, row.turn, row.forward, row.var_along, row.var_across, row.var_heading, row.var_drift
     return Act(name, action.kind, Motion(*map(float, motion)), action.duration, float(row.match))
@@ -42,7 +42,7 @@ def fade_of(keep: float) -> float:
 
 
 def longest_blind_ns(model: NavigationModel) -> int:
-    """Return the time without a frame after which the camera counts as silent, ns: three times between two frames."""
+    """Return the time without a frame after which the camera counts as silent, ns: three frame intervals."""
     apart = max(action.duration / action.frames for action in model.actions.values())
     return round(PERIODS * 1e9 * apart)
 
@@ -78,7 +78,7 @@ class Catalogue:
         return self._found[name]
 
     def decider(self, name: str | None) -> Decider:
-        """Return a chooser of actions by a policy, None = the default.
+        """Return a chooser of actions by the policy of a name or file; None = the default policy.
 
         Raises:
             Refusal: there is no such policy, or it cannot be used.
@@ -86,7 +86,7 @@ class Catalogue:
         return Decider(self.world, self.find(name))
 
     def choose(self, name: str) -> None:
-        """Make a policy, by name or file, the default.
+        """Make the policy of a name or file the default.
 
         Raises:
             Refusal: there is no such policy, or it cannot be used.
@@ -95,7 +95,7 @@ class Catalogue:
         self.default = name
 
     def message(self) -> PolicyReply:
-        """Return the default policy, where it comes from, and the names there are."""
+        """Return the default policy, its origin, and the names of all policies as a message."""
         policy = self.find(None)
         return PolicyReply(
             policy=policy.name,

@@ -1,4 +1,4 @@
-"""Execution of the ordered actions by the walker, as motions in time: the control of a robot without odometry.
+"""Ordered actions as motions in time, predicted for a robot without odometry.
 
 The way of an action counts as walked evenly from the landing of the last step before it to the landing of its own last
 step; both times come from `state/gait`. The trunk follows the feet by a lag.
@@ -11,21 +11,21 @@ from .belief.tracker import Motion
 from .policy.settings import Conduct
 
 LANDING_S = 0.9
-"""Longest time from a stop to the landing of the step under way, s: that of a step."""
+"""Longest time from a stop order to the landing of the swinging foot, s: the duration of one step."""
 
 
 @dataclass
 class Piece:
-    """One motion that the walker carries out, evenly from its start to its end."""
+    """Motion of one action that the walker carries out, at constant rate from start to end."""
 
     motion: Motion
-    """Motion of the whole action."""
+    """Expected motion of the whole action."""
     start: float
-    """Simulated time of its begin, s."""
+    """Simulated time at which the action begins, s."""
     end: float
-    """Simulated time of its end, s."""
+    """Simulated time at which the action ends, s."""
     done: float = 0.0
-    """Share of the motion, 0 to 1, that the belief has been moved by."""
+    """Share of the action's motion, 0 to 1, that the belief has already been predicted over."""
 
 
 class Execution:
@@ -97,7 +97,7 @@ class Execution:
         return moved
 
     def rest(self) -> list[Motion]:
-        """Return the remaining motions of the actions under way."""
+        """Return the motions of the actions under way that are still to come."""
         return [piece.motion.part(1.0 - piece.done) for piece in self.pieces]
 
     def stop(self) -> None:

@@ -14,25 +14,25 @@ from .planning.grid import Point
 from .policy.settings import Conduct
 
 End = tuple[GoalState, str, str]
-"""State in which a goal ends, error code, message."""
+"""Outcome of a goal: final state, error code, message."""
 
 
 @dataclass(frozen=True)
 class GaitView:
-    """State of the walker as the topic `state/gait` reports it, as far as goals need it."""
+    """State of the walker from the topic `state/gait`, reduced to what goals need."""
 
     state: str
     """State of the gait: standing, walking, waiting (the estimator calibrates), refused (the robot fell), ..."""
     walk_id: int = 0
-    """Number of its present command, of any client."""
+    """Number of the walker's present command, from any client."""
     order: int = 0
-    """Number of the last order that the walker took up."""
+    """Number of the last navigator order that the walker started."""
     refused: str = ""
-    """Reason why the walker refused its last order; empty = it did not."""
+    """Reason why the walker refused the navigator's last order; empty = accepted."""
     ends_in: float | None = None
-    """Time until the last planned step lands, s; None = not published, or no step is planned."""
+    """Time until the last planned step lands, s; None = unknown, or no step is planned."""
     reason: str = ""
-    """Reason of a refused state."""
+    """Reason of the gait state `refused`, in words; empty otherwise."""
 
     @classmethod
     def of(cls, gait: GaitState) -> "GaitView":
@@ -42,75 +42,76 @@ class GaitView:
 
 @dataclass(frozen=True)
 class Act:
-    """One action of the robot, with the motion that is expected of it."""
+    """Action of the robot, with its expected motion."""
 
     name: str
     kind: Literal["stand", "turn", "walk"]
     motion: Motion
-    """Expected motion of the whole action: way forward and turn as ordered, and their variances."""
+    """Expected motion of the whole action: ordered distance and turn, and their variances."""
     duration: float
-    """Duration of its steps, or of standing, s."""
+    """Duration of the action's steps, or of its standing, s."""
     match: float | None = None
-    """Share of the landmarks in view that a frame recognises; None = not known."""
+    """Share of the landmarks in view that a camera frame recognises during the action, 0 to 1; None = unknown."""
 
 
 FAR = 1e9
-"""A way that is longer than any, m."""
+"""Distance larger than any path, m: initial value of a minimum."""
 DETOUR_PACE = 0.04
-"""Pace at which a robot walks a detour at least, m/s; the Nao makes 0.05."""
+"""Lowest speed at which a robot walks a detour, m/s; the Nao walks at 0.05."""
 NEARER = 3.0
-"""Steps of progress by which the way that is left becomes shorter: the belief itself moves by one."""
+"""Factor on the least progress, m, by which the remaining path has to shrink to count as shorter: the belief itself
+jumps by one such step."""
 
 
 @dataclass
 class NavigationGoal:
-    """One goal of the navigator, with its route and its progress."""
+    """Goal of the navigator, with its route and its progress."""
 
     id: str
     route: tuple[Point, ...]
-    """Waypoints of the route, m, frame map."""
+    """Waypoints of the route in order, (x, y) in m, frame map."""
     policy: str
-    """Name of the policy."""
+    """Name of the policy that chooses the actions."""
     began: float
-    """Simulated time of its begin, s."""
+    """Simulated time at which the goal began, s."""
     yaw: float | None = None
-    """Heading at the end, rad, frame map; None = any."""
+    """Wanted heading at the last waypoint, rad, frame map; None = any."""
     index: int = 0
-    """Index of the present waypoint; the length of the route behind the last one."""
+    """Index in `route` of the present waypoint; equals its length once the last one is passed."""
     missed: list[int] = field(default_factory=list[int])
-    """Indices of places that were given up."""
+    """Indices in `places` of places that were given up."""
     recoveries: Counter[str] = field(default_factory=Counter[str])
-    """Number of recoveries by name."""
+    """Number of recovery actions by name."""
     nearest: float = math.inf
-    """Least distance to the present waypoint so far, m."""
+    """Least distance of the estimate to the present waypoint so far, m."""
     nearest_at: float = 0.0
-    """Simulated time at which the robot was nearest to the present waypoint, s."""
+    """Simulated time of the least distance to the present waypoint so far, s."""
     least: float = FAR
-    """Least way over the waypoints that was left so far, m; new routes do not begin it anew."""
+    """Least remaining path length over the waypoints so far, m; a new route does not reset it."""
     least_at: float = 0.0
-    """Simulated time at which the least way was left, s."""
+    """Simulated time at which the remaining path length last reached its minimum, s."""
     detour: float = 0.0
-    """Most by which the way that is left has exceeded the least way since that time, m."""
+    """Largest excess of the remaining path length over its minimum since that minimum was reached, m."""
     looks: int = 0
-    """Looks at the present waypoint so far."""
+    """Number of stands for a camera frame at the present waypoint so far."""
     waited: float = 0.0
-    """Time of waiting for a way, s."""
+    """Time spent waiting for a free path, s."""
     turns: int = 0
-    """Turns to the wanted heading so far."""
+    """Number of turns to the wanted final heading so far."""
     start: Point | None = None
-    """Place of the robot when the goal began, m, frame map."""
+    """Believed position of the robot when the goal began, x, y in m, frame map; None = not recorded."""
     asked: str | None = None
-    """Name or file that finds the policy again; None = the default."""
+    """Name or file by which the policy was requested; None = the default policy."""
     places: tuple[Point, ...] = ()
-    """Places that were asked for, m, frame map; empty = the waypoints."""
+    """Requested places in order, (x, y) in m, frame map; empty = the waypoints of `route`."""
     ends: tuple[int, ...] = ()
-    """Index in `route` of the waypoint at each place."""
+    """Index in `route` of the waypoint at each requested place."""
     xy_tolerance: float = Conduct().xy_goal_tolerance
-    """Distance within which the robot surely is at a success, m."""
+    """Largest distance from the last waypoint at which the goal succeeds, m."""
     yaw_tolerance: float = Conduct().yaw_goal_tolerance
-    """Largest error of a heading that is asked for, rad."""
+    """Largest error of the requested final heading at which the goal succeeds, rad."""
     timeout: float | None = None
-    """Time after which the goal ends, s; None = never."""
+    """Time from its begin after which the goal ends, s; None = no limit."""
 
     def __post_init__(self) -> None:
         self.places = self.places or self.route
@@ -124,7 +125,7 @@ class NavigationGoal:
 
     @property
     def place(self) -> int:
-        """Index of the goal's place that the present waypoint leads to; after the last place the number of places."""
+        """Index of the goal's place that the present waypoint leads to; past the last one the number of places."""
         return sum(end < self.index for end in self.ends)
 
     def give_up(self, now: float) -> None:
@@ -135,7 +136,7 @@ class NavigationGoal:
         self.go_on(now)
 
     def lead(self, ways: tuple[tuple[Point, ...], ...], now: float) -> None:
-        """Replace the waypoints that are left by new ones.
+        """Replace the remaining waypoints by new ones.
 
         Args:
             ways: waypoints to each place that is left, the place last, m, frame map.
@@ -148,14 +149,14 @@ class NavigationGoal:
         self.nearest, self.nearest_at = math.inf, now
 
     def stalled(self, left: float, now: float, progress: float) -> float:
-        """Return the time without progress, s: since the way left was last shortened, less that of detours.
+        """Return the time without progress, s: since the remaining path last shrank, less an allowance for detours.
 
-        The time of a detour is its additional way divided by 0.04 m/s. The least way so far is kept in the goal.
+        The time of a detour is its additional length divided by 0.04 m/s. The least length so far is kept in the goal.
 
         Args:
-            left: way over the waypoints that are left, m.
+            left: path length over the remaining waypoints, m.
             now: simulated time, s.
-            progress: way that counts as progress towards a waypoint, m; three of it shorten the way.
+            progress: distance that counts as progress towards a waypoint, m; three of it shorten the path.
         """
         if left < self.least - NEARER * progress:
             self.least, self.least_at, self.detour = left, now, 0.0
@@ -187,11 +188,11 @@ class NavigationGoal:
             raise ValueError(f"it is at waypoint {self.index}, allowed are 0 to {last + 1}")
 
     def kept(self) -> dict[str, Any]:
-        """Return the fields as plain values of JSON; an infinite `nearest` becomes 1e9 m."""
+        """Return the fields of the goal as JSON values; an infinite `nearest` becomes 1e9 m."""
         return {**asdict(self), "nearest": min(self.nearest, FAR), "recoveries": dict(self.recoveries)}
 
     def go_on(self, now: float) -> None:
-        """Make the next waypoint the present one, from the time `now`, s, on."""
+        """Advance to the next waypoint, from the time `now`, s, on."""
         self.index += 1
         self.nearest, self.nearest_at, self.looks = math.inf, now, 0
 
@@ -201,7 +202,7 @@ class NavigationGoal:
         return self.route[min(self.index, len(self.route) - 1)]
 
     def left(self, x: float, y: float) -> float:
-        """Return the length of the way from a place (x, y in m, frame map) over the waypoints that are left, m."""
+        """Return the path length from a place (x, y in m, frame map) over the remaining waypoints, m."""
         total = 0.0
         for px, py in self.route[self.index :]:
             total += math.hypot(px - x, py - y)

@@ -41,29 +41,29 @@ from .policy.arrays import PER_10CM
 from .policy.params import NavigationModel
 
 ODOMETRY_S = 0.1
-"""Interval of two uses of odometry, s; more often would only cost time."""
+"""Least interval between two odometry messages that the filter uses, s; messages between them are skipped."""
 SMOOTH = 0.1
-"""Weight of a new normalised innovation squared in its running mean."""
+"""Weight, 0 to 1, of a new normalised innovation squared in its exponential running mean."""
 RESTART_SD = (0.10, 0.15)
-"""Standard deviations added to the covariance after a restart: m and rad."""
+"""Standard deviations added to position, m, and heading, rad, after a restart of the service."""
 WORK = 16_000
-"""Work of a tick on the search for a lost pose, sightings compared with a pose or pairs looked at: about 0.5 ms."""
+"""Work per tick of the search for a lost pose, in sightings compared with a pose or pairs tried: about 0.5 ms."""
 WIDEN, WIDER, WIDENED_S = 0.5, 3.0, 10.0
-"""Probability of a misfit from which on the belief is widened instead of given up, factor of its standard deviations,
-and time in which it is widened once, s."""
+"""`WIDEN`: probability of a misfit above which the belief is widened; `WIDER`: factor on its standard deviations then;
+`WIDENED_S`: least time between two widenings, s."""
 SUSPECTED_S, LOST_FRAMES, SLOWEST_S = 2.0, 2.5, 4.0
-"""Least time after a frame for which a suspicion stays, s, for a silent camera shows nothing; times the interval of two
-frames for which it does, of which one may be lost; longest interval, s, after which the camera was silent."""
+"""`SUSPECTED_S`: least time that a suspicion lasts after a frame, s; `LOST_FRAMES`: intervals between frames that it
+lasts, if longer; `SLOWEST_S`: interval, s, from which on only `SUSPECTED_S` counts."""
 SURE = 0.1
-"""Probability of being lost below which landmarks at other places have moved, not the robot."""
+"""Probability of being lost below which landmarks seen at other places count as moved, not the robot."""
 APART_S = 1.0
-"""Least interval of frames that are searched for another place, s: of more, single landmarks decide within a second.
-The first frame has none."""
+"""Least interval between two frames that are searched for another pose, s; landmarks of more frequent ones decide one
+by one within a second. The first frame is always used."""
 SINCE = 0.1
-"""Standard deviation of a motion since the begin of a search, part of the way and of the turn."""
+"""Standard deviation of the motion since a search began, as a part of the distance and of the turn, no unit."""
 LATE_S, AHEAD_S = 0.2, 0.02
-"""Largest age of a frame that is used, s, and largest time by which it may lie ahead: older ones (two periods of the
-camera) show another place; frames of the future, beyond two ticks, would stop the clock of the belief."""
+"""`LATE_S`: age above which a frame is refused, s: two camera periods; `AHEAD_S`: time ahead of the clock above which a
+frame is refused, s: two ticks."""
 
 
 class Localiser:
@@ -92,20 +92,20 @@ class Localiser:
         self.tracker.place((config.start_x, config.start_y, config.start_yaw))
         self.strain = self.tracker.strain = MapStrain(shared)
         self.camera_turn = (0.0, 0.0, 0.0)
-        """Pitch, roll and turn aside of the camera from where it is stated to be, rad, as found; frames are turned back
+        """Estimated pitch, roll and sideways turn of the camera from its stated mounting, rad; frames are turned back
         by it."""
         self._world: FloorLandmarks | None = None
-        """Landmarks that the last frame was compared with."""
+        """Landmark map that the last frame was matched with; None = no frame yet."""
         self.control: Control = config.control
         self._odometry = model.odometry
         self._message: Odometry | None = None
         self.odom: Pose | None = None
-        """Last odometry, x, y (m) and yaw (rad), frame odom."""
+        """Last odometry pose, x, y (m) and yaw (rad), frame odom; None = none received."""
         self._taken: Pose | None = None
         self._taken_at = 0.0
         self.matched, self.nis = 0, None
         self.refused = Counter[str]()
-        """Number of frames that could not be used, by code."""
+        """Number of refused camera frames by error code."""
         self._seen_at, self._interval = -math.inf, math.inf  # of the last frame, and from that before, s
         self.lost = LostView()
         self.footprint = Footprint(sight.range_min, sight.range_max, math.radians(sight.half_angle_deg))
@@ -118,10 +118,10 @@ class Localiser:
         self._elsewhere: OtherPlaces | None = None
         self._widened_at = -math.inf
         self.relocated = 0
-        """Number of times that the pose was found again."""
+        """Number of times that a lost pose was found again."""
 
     def place(self, pose: Pose, cov: Array | None = None) -> None:
-        """Restart the estimate at a stated pose; the estimated drift, heading error per way walked, stays.
+        """Restart the estimate at a stated pose; the estimated drift (heading error per metre walked) stays.
 
         `pose`: x, y (m), heading (rad), frame map; `cov`: its covariance, (3, 3); None = that of the start.
         """
@@ -252,7 +252,7 @@ class Localiser:
                 self._log("warning", camera_words(self.camera_turn))
 
     def _check_time(self, time: float, now: float) -> None:
-        """Check that a frame of `time`, s, is of now and new.
+        """Refuse a frame that is too old, in the future, or not newer than the last; its time: `time`, s.
 
         Raises:
             DetectionError: the frame is of the future, late, or was used before.
@@ -317,7 +317,7 @@ class Localiser:
             self.lost = LostView(False, probability, self._lost_state.reason(self.lost_model), until)
 
     def echo(self, distance: float, expected: tuple[float, float], slack: float, now: float) -> None:
-        """Check the belief by an echo of the ranger.
+        """Check the believed pose with one echo of the ranger.
 
         Args:
             distance: of the echo, or the end of the reach, m.

@@ -20,9 +20,9 @@ from .planning.seen import Pose, SeenObstacles
 from .policy.settings import Conduct
 
 FARTHEST = 1e4
-"""Largest distance of a goal from the origin of the map, m."""
+"""Largest distance of a goal from the origin of the map, m; a farther one is refused."""
 INSIDE = 0.8
-"""Part of the robot's radius within which a mark closes a route; less than 1, for routes pass at the radius."""
+"""Part of the robot's radius within which a marked cell blocks a route; below 1, as routes pass at that radius."""
 
 
 class Maps:
@@ -53,7 +53,7 @@ class Maps:
         self._marks: LandmarkMapMessage | None = None
         self._seen: SeenObstacles | None = None
         self._joined: tuple[int, Costs] | None = None
-        """Version of the local map, and the costs of both maps."""
+        """Version of the local map, and the walking costs of global and local map together; None = not computed."""
 
     def take(self, heights: HeightMapMessage | None, marks: LandmarkMapMessage | None) -> list[str]:
         """Use the latched maps of the bus, unless files replace them; return a text for each map that cannot be used.
@@ -111,14 +111,14 @@ class Maps:
         self._seen.take(seen, at, unsure, now)
 
     def free(self, here: Point, route: tuple[Point, ...]) -> bool:
-        """Return True if the ranger saw no obstacle that the map does not know on the next 2 m of a route from `here`.
+        """Return True if no obstacle unknown to the map was seen by the ranger on the next 2 m of a route from `here`.
 
         here, route: x, y in m, frame map.
         """
         return self._seen is None or self._seen.free(here, route, INSIDE * self._clearance.radius)
 
     def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
-        """Return the waypoints to each place, around obstacles of map and ranger; straight ways where there is no map.
+        """Return waypoints to each place around obstacles of map and ranger, or straight lines without a map.
 
         Args:
             here: where the robot is, x, y in m, frame map.
@@ -161,7 +161,7 @@ class Maps:
         return self._joined[1]
 
     def refuse_blocked(self, place: Point, field: str) -> None:
-        """Raise a refusal if a place, x, y in m, frame map, is outside of the map or in an obstacle.
+        """Raise a refusal if a place, x, y in m, frame map, is outside the map or in an obstacle.
 
         Raises:
             Refusal: `outside` or `blocked`; names `field`.

@@ -1,4 +1,4 @@
-"""Memory of the last goal in a file, so that a navigator that was killed and started again goes on with it.
+"""File with the state of the last goal, from which a navigator that was killed and restarted resumes.
 
 The file belongs to one run (its folder); contents from before the last reset (of another epoch), or of a later tick
 than now, are ignored.
@@ -19,7 +19,7 @@ from .goals import End, NavigationGoal
 
 
 class Kept(BaseModel):
-    """State that a restarted navigator needs to go on."""
+    """State that a restarted navigator needs to resume its goal."""
 
     model_config = ConfigDict(allow_inf_nan=False)
     number: int = Field(ge=0, le=MOST_ID, description="of the last order")
@@ -48,11 +48,11 @@ class Kept(BaseModel):
 
 
 class _StoredGoal(Stored, Kept):
-    """State of a navigator as the file holds it, with the epoch and tick at which it was kept."""
+    """State of a navigator as stored in the file, with the epoch and tick of storage."""
 
 
 def is_covariance(matrix: Array) -> bool:
-    """Return True if a matrix (3, 3), of any units, is symmetric without negative variances, but for rounding."""
+    """Return True if a matrix (3, 3) is symmetric up to rounding and has no negative variance."""
     least = -1e-9 * float(np.abs(matrix).max())
     return bool((np.abs(matrix - matrix.T) <= -least).all() and eigen3(matrix)[0].min() >= least)
 
@@ -68,7 +68,7 @@ class GoalMemory(RunMemory):
         super().__init__(path, "goal")
 
     def keep(self, epoch: int, tick: int, kept: Kept) -> None:
-        """Write the state of a tick to the file, in place of the one before.
+        """Write the state of a tick to the file, in place of the previous one.
 
         `epoch`: number of the reset that the tick belongs to; `tick`: its number.
         """
@@ -76,6 +76,6 @@ class GoalMemory(RunMemory):
         self.write(epoch, tick, {**vars(kept), "goal": goal, "planned": planned})
 
     def recall(self, epoch: int, tick: int) -> Kept | None:
-        """Return the state kept in this epoch (since the last reset) and not after this tick, None = there is none."""
+        """Return the state stored in this epoch (since the last reset) at or before this tick, None = there is none."""
         found = self.read(_StoredGoal, epoch, tick)
         return found and Kept.model_construct(**{name: getattr(found, name) for name in Kept.model_fields})

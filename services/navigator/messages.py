@@ -1,4 +1,4 @@
-"""Messages of the navigator, from its state."""
+"""Conversion of the navigator's state to messages."""
 
 import math
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ from .pilot import Pilot
 
 @dataclass(frozen=True)
 class LostView:
-    """Verdict whether the robot is lost: whether its believed pose fits the landmarks that its camera recognised."""
+    """Result of the check whether the believed pose is wrong, by the landmarks that the camera recognised."""
 
     lost: bool = False
-    """True if the belief is wrong."""
+    """True if the believed pose is wrong; False if it fits or is only suspected."""
     probability: float = 0.0
-    """Probability that the belief is wrong, 0 to 1."""
+    """Probability that the believed pose is wrong, 0 to 1."""
     reason: str = ""
-    """Reason why the belief may be wrong, in words; empty = none."""
+    """Reason why the believed pose may be wrong, in words; empty = none."""
     suspected_until: float = -math.inf
-    """Simulated time until which what was seen last may not fit the belief, s; a camera that sees nothing is no
-    reason."""
+    """Simulated time until which the pose counts as suspected, s, as recent detections may not fit it; -inf = no
+    suspicion. A camera that sees nothing raises none."""
 
 
 def order_message(pilot: Pilot) -> MotionOrder:
@@ -111,7 +111,7 @@ def _bearing(place: tuple[float, float], pose: Pose) -> float:
 
 
 def fresh_of(seen: SeenLandmarks | None) -> SeenLandmarks | None:
-    """Return the landmarks that vision found, if they are of a new image; None = no new image, or no vision service."""
+    """Return the landmarks that vision found in a new image; None = no new image, or no vision service."""
     return seen if seen is not None and seen.fresh else None
 
 

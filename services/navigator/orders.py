@@ -6,11 +6,11 @@ from .execution import Execution
 from .goals import Act, GaitView
 
 REMIND_S = 1.0
-"""Time after which an order is repeated that a standing walker has not taken up, s."""
+"""Time after which an order that a standing walker has not started is repeated, s."""
 
 
 class Orders:
-    """Orders of the navigator to the walker between two resets, and the actions that the walker has started by them.
+    """Sender of numbered orders to the walker, which records the actions that the walker has started.
 
     Args:
         lag: delay between a foot's landing and the trunk reaching its place, s.
@@ -19,17 +19,17 @@ class Orders:
     def __init__(self, lag: float) -> None:
         self.execution = Execution(lag)
         self.number = 0
-        """Number of the last order."""
+        """Number of the last order to the walker; it rises by 1 with each order."""
         self.order: WalkCommand | None = None
         self.given: Act | None = None
-        """Action of the last order, until the walker has taken it up."""
+        """Action of the last order until the walker starts it; None = started, or the order begins no action."""
         self.doing: Act | None = None
-        """Action that the walker took up last."""
+        """Action that the walker started last; None = none."""
         self._stops = False
-        """True while the last order is a stop that the walker has not taken up."""
+        """True while the last order is a stop that the walker has not started, else False."""
         self._walk_id: int | None = None
         self._given_at: float | None = None
-        """Simulated time since which the walker has not taken up the order, s."""
+        """Simulated time since which the walker has not started the last order, s; None = started."""
 
     def give(self, order: WalkCommand, act: Act | None) -> None:
         """Set the next order, under a new number; `act` is the action that it begins, None = a stop."""

@@ -1,4 +1,4 @@
-"""Conduct of goals, apart from the bus: chooses actions in time, orders them from the walker, recovers, ends goals.
+"""Execution of goals, apart from the bus: chooses actions in time, orders them from the walker, recovers, ends goals.
 
 An action is decided while the one before still runs, on the belief predicted to the landing of its last step, so that
 the walker goes on without a halt. Where the walker does not publish the end of its action, the pilot waits for it.
@@ -24,11 +24,12 @@ from .policy.settings import Conduct
 from .searching import Aside, Search, no_way
 
 BLOCKED_SHARE = 0.25
-"""Part of the decisions without progress that an echo forbade to walk, from which on the goal ends as blocked."""
+"""Share of the decisions without progress at which a near echo forbade walking, from which on a stuck goal ends as
+blocked."""
 
 
 class Pilot:
-    """Conductor of one goal at a time, which chooses actions by a policy and orders them from the walker.
+    """Executor of one goal at a time, which chooses actions by a policy and orders them from the walker.
 
     Args:
         acts: the actions of the policy.
@@ -61,18 +62,18 @@ class Pilot:
         self.ended, self._now = 0.0, 0.0
         self._stand_until = -1.0
         self._frames: int | None = None
-        """Number of frames at the begin of a look at the goal."""
+        """Number of camera frames so far when the present stand for one began; None = no such stand."""
         self._halting: End | None = None
         self._search = Search(self, self.conduct, aside)
         self._since = [0, 0]
-        """Decisions without progress: those that an echo restricted to turns, and all."""
+        """Number of decisions without progress: those that a near echo restricted to turns, and all."""
         self._waiting: float | None = None
-        """Simulated time of the last decision that no way leads around an obstacle, s; None = one does."""
+        """Simulated time of the last decision at which no path led around an obstacle, s; None = the path is open."""
 
     # -- goals -------------------------------------------------------------------------------------------------
 
     def begin(self, goal: NavigationGoal, decider: Decider) -> None:
-        """Begin a goal; one under way ends as replaced, and the walk goes on."""
+        """Begin a goal; one under way ends as replaced, without a stop of the walk."""
         if self.goal is not None and self.under_way:
             self.record(self.goal, self._halting or ("cancelled", "replaced", f"replaced by the goal {goal.id!r}"))
         self.goal, self.decider = goal, decider
@@ -90,7 +91,7 @@ class Pilot:
 
     @property
     def end(self) -> End:
-        """Outcome of the goal, state, error code and message: the one it has, or will have once the robot stands."""
+        """Outcome of the goal (state, error code, message): the one due once the robot stands, else the present one."""
         return self._halting or (self.state, self.error, self.message)
 
     def resume(self, goal: NavigationGoal, decider: Decider, state: GoalState, end: End) -> None:
@@ -127,7 +128,7 @@ class Pilot:
         self.orders.given, self._halting, self._search.look = None, None, None
 
     def _finish(self, end: End) -> None:
-        """End the goal now, and record it."""
+        """End the goal now, and record its outcome."""
         self.state, self.error, self.message = end
         self.ended = self._now
         self.orders.execution.stop()
@@ -155,7 +156,7 @@ class Pilot:
         self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool, lost: bool = False,
         suspected: bool = False,
     ) -> None:  # fmt: skip
-        """Conduct the goal for one tick: check its limits, search a lost pose, order the next action when it is due.
+        """Execute the goal for one tick: check its limits, search a lost pose, order the next action when it is due.
 
         Args:
             now: simulated time, s.
@@ -240,7 +241,7 @@ class Pilot:
         return stands[0] if stands else None
 
     def _way_is_open(self, goal: NavigationGoal, now: float, gait: GaitView, mean: Array) -> bool:
-        """Return True if the next action may be decided; plan around an obstacle, or wait until it has gone.
+        """Return True if the next action may be decided; else plan around an obstacle, or wait until it has gone.
 
         `now` in s; `mean`: believed x, y (m) in the map first, (n,).
         """
@@ -266,7 +267,7 @@ class Pilot:
         return False
 
     def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
-        """Plan the rest of a goal's route anew from a place; return why that is not possible, empty = it is.
+        """Plan the remaining route of a goal from a place; return the reason why that is not possible, empty = done.
 
         Args:
             goal: its waypoints are replaced.
@@ -321,7 +322,7 @@ class Pilot:
                 return distance
 
     def _arrive(self, goal: NavigationGoal, mean: Array) -> None:
-        """Turn to the wanted heading at the last waypoint, then end on both feet.
+        """Turn to the wanted heading at the last waypoint, then end the goal on both feet.
 
         `mean`: believed x, y (m), heading (rad) in the map first, (n,).
         """
@@ -333,7 +334,7 @@ class Pilot:
             self.halt("succeeded", "", "")  # as far as is known before the robot stands
 
     def _stand(self, goal: NavigationGoal, tracker: PoseTracker) -> None:
-        """End the goal of a robot that has come to stand, or go on and look once more if it is not sure to be there."""
+        """End the goal of a standing robot, or continue it for another camera frame if its arrival is not certain."""
         assert self._halting is not None
         end, sure = self._halting, self.conduct.sure
         if end[0] == "succeeded":
@@ -365,13 +366,13 @@ class Pilot:
         self._give(WalkCommand(action="stop"), None)
 
     def advance(self, name: str) -> float:
-        """Order the walk ahead that turns least; return its length, m. `name`: of the action, for its record."""
+        """Order the action that walks ahead with the least turn; return its length, m. `name`: for its record."""
         act = min((act for act in self.acts if act.kind == "walk"), key=lambda act: abs(act.motion.turn))
         self._give(_command(act), replace(act, name=name))
         return act.motion.forward
 
     def turn(self, name: str, angle: float) -> None:
-        """Order a turn on the spot; its noise and time are those of the model's turns.
+        """Order a turn on the spot by an angle, rad, left positive; noise and time are those of the model's turns.
 
         Args:
             name: of the action.
@@ -389,7 +390,7 @@ class Pilot:
 
 
 def _command(act: Act) -> WalkCommand:
-    """Return the command of an action that moves."""
+    """Return the motion command of an action that moves the robot."""
     m = act.motion
     if act.kind == "turn":
         return WalkCommand(action="turn", angle=m.turn if m.turn != 0.0 else None)

@@ -1,4 +1,4 @@
-"""Use of ranger readings: an obstacle close ahead allows only turns, and one that is not in the map is remembered."""
+"""Use of ranger readings: an obstacle close ahead allows only turns, and one that the map lacks is remembered."""
 
 import math
 
@@ -12,7 +12,7 @@ from .planning.seen import expected_echo
 from .policy.settings import Conduct
 
 ECHO_SLACK = 0.25
-"""Difference of an echo from the map that does not count against the pose, m: walls are oblique."""
+"""Difference between echo and mapped distance up to which an echo supports the believed pose, m: walls are oblique."""
 
 
 def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct, now: float) -> bool:

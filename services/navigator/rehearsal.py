@@ -19,11 +19,11 @@ from .planning.grid import OCCUPIED, FloorGrid
 from .planning.route import RouteError, plan
 
 LARGE_SIDE = 560
-"""Cells along an edge of a floor that is large enough for all parts of the route search to be used."""
+"""Number of cells along an edge of a rehearsal floor large enough to exercise every part of the route search."""
 
 
 def rehearse(config: NavigatorConfig) -> None:
-    """Predict, match, correct, relocalise, plan, decide and report once, so that every kernel is loaded."""
+    """Predict, match, correct, relocalise, plan, decide and report once, so that every kernel is compiled."""
     rehearse_belief()
     rehearse_planning(40)
     catalogue = Catalogue(config)
@@ -40,7 +40,7 @@ def rehearse(config: NavigatorConfig) -> None:
 
 
 def rehearse_belief() -> None:
-    """Match a frame from a right and from a wrong pose, check both, and relocalise."""
+    """Match a frame at a right and at a wrong pose, check both, and relocalise, so that kernels are compiled."""
     world, noise = _floor((0.4, -0.3), (1.0, 0.3), 24), SightNoise()
     seen, state, model, cov = _frame(world, 24), LostState(), LostModel(), 1e-3 * np.eye(3)
     for mean in (np.zeros(3), np.array([5.0, 0.0, 1.0])):
@@ -56,7 +56,7 @@ def rehearse_belief() -> None:
 
 
 def rehearse_planning(side: int) -> None:
-    """Plan a route around a wall, and one into the wall, on a floor of side * side cells."""
+    """Plan one possible and one impossible route on a floor of side * side cells, so that kernels are compiled."""
     cells = np.zeros((side, side), dtype=np.int8)
     cells[:-15, 20:22] = OCCUPIED
     costs = prepare(FloorGrid(cells, 0.05))
@@ -72,6 +72,6 @@ def _floor(low: tuple[float, float], high: tuple[float, float], count: int) -> F
 
 
 def _frame(world: FloorLandmarks, count: int) -> Detections:
-    """Return the first `count` landmarks as they are seen from the origin of the map."""
+    """Return the first `count` landmarks as detected from the origin of the map."""
     x, y = world.positions[:count].T
     return Detections(np.hypot(x, y), np.arctan2(y, x), world.descriptors[:count].copy())  # as those of messages

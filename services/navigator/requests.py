@@ -1,4 +1,4 @@
-"""Requests of clients: checked when they arrive, carried out in a tick."""
+"""Requests of clients to the navigator: checked on arrival, carried out in a tick."""
 
 import itertools
 from collections.abc import Callable
@@ -39,10 +39,10 @@ class Requests:
         self.catalogue, self.maps, self.localiser, self.pilot = catalogue, maps, localiser, pilot
         self.log, self._keep = log, keep
         self.tick, self.now = -1, 0.0
-        """Number of the last tick, and its simulated time, s."""
+        """`tick`: number of the last tick, -1 before the first; `now`: simulated time of that tick, s."""
         self.gait = GaitView("waiting")
         self.planned: list[tuple[int, NavigationGoal]] = []
-        """Goals that wait, with the tick that they begin in."""
+        """Goals that wait for their start, each with the number of the tick at which it begins."""
         self._later: list[tuple[int, Callable[[], object]]] = []
         self._names = itertools.count(1)
 
@@ -92,7 +92,7 @@ class Requests:
         return nav.GoalReply(accepted=True, goal_id=goal.id, route=goal.route, length=goal.left(*here))
 
     def plan(self, tick: int, goal: NavigationGoal) -> None:
-        """Let a goal begin in the control tick `tick`."""
+        """Schedule a goal to begin in the control tick `tick`."""
         self.planned.append((tick, goal))
         self._schedule(tick, lambda: self._begin(goal))
 
@@ -154,7 +154,7 @@ class Requests:
         return self.catalogue.message()
 
     def kept(self) -> Kept:
-        """Return the state that a restarted navigator needs."""
+        """Return the state that a restarted navigator needs to resume."""
         t, pilot = self.localiser.tracker, self.pilot
         return Kept.model_construct(
             number=pilot.orders.number, pose=t.pose, covariance=tuple(t.cov[:3, :3].ravel().tolist()),
@@ -163,7 +163,7 @@ class Requests:
         )  # fmt: skip
 
     def resume(self, kept: Kept, odometry: Odometry | None) -> None:
-        """Continue from the state that an earlier navigator kept; `odometry`: the newest, None = none came yet."""
+        """Resume from the state that an earlier navigator stored; `odometry`: the newest, None = none received."""
         pilot, pose = self.pilot, None
         if odometry is not None:
             pose = (odometry.position[0], odometry.position[1], odometry.yaw)
@@ -178,7 +178,7 @@ class Requests:
         self.log("info", f"started again in tick {self.tick}: {what}")
 
     def carry_out(self) -> None:
-        """Carry out the requests that are due in this tick."""
+        """Execute the requests that are due in this tick."""
         for item in [item for item in self._later if item[0] <= self.tick]:
             self._later.remove(item)
             item[1]()

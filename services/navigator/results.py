@@ -1,4 +1,4 @@
-"""Results of goals: one for each that began, with the belief of the pose at its end."""
+"""Results of ended goals, each with the believed pose at its end."""
 
 from surefoot.schemas.navigation import RESULTS, GoalResult
 
@@ -7,7 +7,7 @@ from .localiser import Localiser
 
 
 class Results:
-    """Results of the last goals since the driver's last reset.
+    """Memory of the results of the last goals since the last reset.
 
     Args:
         localiser: belief of the pose.
@@ -16,14 +16,14 @@ class Results:
     def __init__(self, localiser: Localiser) -> None:
         self.localiser = localiser
         self.now = 0.0
-        """Simulated time, s."""
+        """Simulated time of the present tick, s."""
         self.count = 0
-        """Number of goals that ended."""
+        """Number of goals that have ended."""
         self.last: tuple[GoalResult, ...] = ()
-        """Results of the last goals, the last one last."""
+        """Results of the most recent goals, the latest last."""
 
     def record(self, goal: NavigationGoal, end: End) -> None:
-        """Keep the result of a goal that ends now: its end (state, error code, message), pose, time, recoveries."""
+        """Store the result of a goal that ends now: outcome (state, error code, message), pose, time, recoveries."""
         state, error, reason = end
         tracker, self.count = self.localiser.tracker, self.count + 1
         result = GoalResult(

@@ -11,16 +11,17 @@ from .goals import GaitView, NavigationGoal, Point
 from .policy.settings import Conduct
 
 Aside = Callable[[], Point | None]
-"""Returns the straight way to where the places differ that the sights fit, x and y in the robot's axes, m."""
+"""Function that returns the end of a straight walk which distinguishes a lost robot's candidate poses, x, y in robot
+axes, m; None = no such walk."""
 
 
 def no_way() -> Point | None:
-    """Return None: no walk helps to find the pose (the default, where there is no map)."""
+    """Return None: no walk helps to find the pose (default without a map)."""
     return None
 
 
 class Moves(Protocol):
-    """Motions that a search for the robot's pose may order, and the end of its goal."""
+    """Interface of the motions that a search for the robot's pose may order, and of ending its goal."""
 
     def halt(self, state: GoalState, error: str, message: str) -> None:
         """Order a stop; the goal has the given end (state, error code, message) as soon as the robot stands."""
@@ -35,11 +36,11 @@ class Moves(Protocol):
         ...
 
     def advance(self, name: str) -> float:
-        """Order the walk ahead that turns least; return its length, m. `name`: of the action."""
+        """Order the action that walks ahead with the least turn; return its length, m. `name`: of the action."""
         ...
 
     def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
-        """Plan a goal's route anew from a place; return why that is not possible, empty = it is.
+        """Plan a goal's route anew from a place; return the reason why that is not possible, empty = done.
 
         `now`: simulated time, s; `here`: the place, x, y in m, frame map.
         """
@@ -51,15 +52,15 @@ class Look:
     """State of a search for the robot's pose: stands for camera frames, turns and walks so far."""
 
     until: float = math.inf
-    """End of the present look at the surroundings, s; inf = the look has not begun."""
+    """Simulated time at which the present stand for camera frames ends, s; inf = not begun."""
     lost: bool = True
-    """True if the robot is lost, False if it may be."""
+    """True if the robot is lost, False if its pose is only suspected to be wrong."""
     turns: int = 0
-    """Number of turns since it began, or walked aside last."""
+    """Number of turns since the search began or the last walk aside."""
     walks: int = 0
-    """Number of walks aside."""
+    """Number of walks aside since the search began."""
     left: float = 0.0
-    """Way that it still walks aside, m."""
+    """Remaining distance of the walk aside, m."""
 
 
 class Search:
@@ -76,10 +77,10 @@ class Search:
         self.begin()
 
     def begin(self) -> None:
-        """Drop the search of an earlier goal; no search is under way."""
+        """Discard the search of an earlier goal, so that none is under way."""
         self.look: Look | None = None
         self._suspects_from = -math.inf
-        """Simulated time from which a suspicion makes the robot look, s."""
+        """Simulated time from which on a suspected pose makes the robot stand and look, s."""
 
     def tick(
         self, goal: NavigationGoal, now: float, gait: GaitView, here: Point, *, blocked: bool, lost: bool,
@@ -134,7 +135,7 @@ class Search:
         self.look, self._suspects_from = None, now + self.conduct.suspect_again
 
     def _look_around(self, goal: NavigationGoal, look: Look, now: float, *, lost: bool) -> None:
-        """Do the next part of a look around: stand for frames, turn, at its end walk aside, or give up.
+        """Do the next part of a look around: stand for frames, turn, finally walk aside, or give up.
 
         Args:
             goal: under way; its recoveries are counted.

@@ -122,7 +122,7 @@ class Navigator(Service[NavigatorConfig]):
                 self.log("warning", f"landmarks refused: {error.message}")
 
     def _recall(self, odometry: Odometry | None) -> None:
-        """Continue from the memory of a navigator that was killed in this epoch."""
+        """Resume from the stored state of a navigator that was killed in this epoch."""
         kept = self.memory.recall(self._epoch, self.requests.tick)
         self._log_problem()
         if kept is None:
@@ -131,7 +131,7 @@ class Navigator(Service[NavigatorConfig]):
             self.requests.resume(kept, odometry)
 
     def _keep(self) -> None:
-        """Write the memory when orders or goals changed, and every second."""
+        """Store the state for a restart when orders or goals changed, and every second."""
         tick = self.requests.tick
         if self.memory.path is None or tick < 0:  # nothing is worth keeping before the first tick
             return

@@ -15,7 +15,7 @@ class ContinuousOdometry:
     def __init__(self) -> None:
         self._last: Odometry | None = None
         self._frame = (0.0, 0.0, 0.0)
-        """Pose of the estimator's odom in the frame that is published, x, y in m and heading in rad."""
+        """Pose of the estimator's frame odom in the published continuous frame odom, x, y (m), heading (rad)."""
 
     def take(self, message: Odometry) -> Odometry:
         """Return the odometry of a tick in the continuous frame; before the first correction it is unchanged."""

@@ -29,11 +29,11 @@ from .continuous import ContinuousOdometry
 from .steering import Steering
 
 MAP_TICKS = 100
-"""Ticks after which the same map is published again, for subscribers that come later."""
+"""Number of ticks after which an unchanged map is published again, for subscribers that join later."""
 
 
 class Ros2Config(ServiceConfig):
-    """Settings of the bridge: names on ROS 2; an empty name = that topic is left out."""
+    """Settings of the bridge: names on ROS 2; a topic with an empty name is left out."""
 
     router: str = Field(default="tcp/127.0.0.1:7447", description="endpoint of rmw_zenohd, or of our own router")
     domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID")

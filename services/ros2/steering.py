@@ -5,18 +5,18 @@ import math
 from surefoot.schemas.cmd import WalkCommand
 
 HORIZON_S = 2.0
-"""Duration of an order, s; it is renewed after half of it, as long as velocities come."""
+"""Duration of a walk command, s; it is renewed after half of it while velocity commands arrive."""
 SILENT_S = 0.5
-"""Time without a velocity after which the robot is stopped, s."""
+"""Time without a velocity command after which the robot is stopped, s."""
 STILL_MPS, STILL_RADPS = 0.005, 0.02
-"""Velocities below which the robot shall stand, m/s and rad/s."""
+"""Speeds below which a velocity command means stand: `STILL_MPS`, forward, m/s; `STILL_RADPS`, turning, rad/s."""
 FASTEST_MPS, FASTEST_RADPS = 1.0, 10.0
-"""Velocities to which larger ones are cut, m/s and rad/s: no robot walks faster, and the walker refuses what its own
-cannot do."""
+"""Speeds to which faster commands are limited: `FASTEST_MPS`, forward, m/s; `FASTEST_RADPS`, turning, rad/s. The walker
+refuses what exceeds its own limits."""
 AGAIN_S = 0.2
-"""Time after which an order that was not answered is given again, s."""
+"""Time after which a walk command without a reply is sent again, s."""
 TURN_RAD = 0.2
-"""Turn within the horizon from which a robot that walks no arcs turns first, rad."""
+"""Turn within `HORIZON_S` from which on a robot that cannot walk arcs turns on the spot first, rad."""
 
 
 class Steering:
@@ -24,15 +24,16 @@ class Steering:
 
     def __init__(self) -> None:
         self.arcs = True
-        """False once the walker has refused an arc."""
+        """True until the walker refuses an arc, then False: the robot walks and turns in alternation."""
         self._wanted = (0.0, 0.0)
         self._came_s = self._ordered_s = float("-inf")
         self._again_s = float("-inf")
         self._order: tuple[float, float] | None = (0.0, 0.0)
-        """Velocities of the order under way; None = not known, as an order was not answered."""
+        """Forward speed, m/s, and turning speed, rad/s, of the command under way; None = unknown, as it was not
+        answered."""
 
     def take(self, now_s: float, forward: float, turn: float) -> None:
-        """Take a velocity command, m/s and rad/s; one that is not finite lets the robot stand."""
+        """Store a velocity command, m/s and rad/s; one that is not finite makes the robot stand."""
         if not (math.isfinite(forward) and math.isfinite(turn)):
             forward = turn = 0.0
         forward = min(max(forward, -FASTEST_MPS), FASTEST_MPS)

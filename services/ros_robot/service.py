@@ -17,7 +17,7 @@ from surefoot.record.fields import FieldPath
 from surefoot.robot.names import joint_columns, leg_columns
 
 MOST = 10_000
-"""Most received messages that wait to be read; above it, before the run begins, the oldest are left out."""
+"""Largest number of received messages that wait to be read; beyond it the oldest are dropped."""
 
 
 class RosRobotConfig(SensedConfig):
@@ -63,7 +63,7 @@ class RosRobot(SensedDriver[RosRobotConfig]):
         self._queue.append((kind, message))
 
     def poll(self) -> None:
-        """Move the messages that have come into the intake, which releases them tick by tick."""
+        """Move the received messages into the intake, which releases them tick by tick."""
         while self._queue:
             kind, m = self._queue.popleft()
             try:
@@ -72,7 +72,7 @@ class RosRobot(SensedDriver[RosRobotConfig]):
                 self.intake.refuse(f"{kind}_{error.code}", error.message)
 
     def on_stop(self) -> None:
-        """Leave the network of the robot."""
+        """Close the connection to the robot's network."""
         self.connection.close()
 
     def _read(self, kind: str, m: Any) -> None:

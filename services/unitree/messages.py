@@ -13,23 +13,24 @@ from cyclonedds.idl.annotations import autoid, final
 from cyclonedds.idl.types import array, float32, int16, int32, uint8, uint16, uint32
 
 LOW_STATE, SPORT_STATE = "rt/lowstate", "rt/sportmodestate"
-"""Topics."""
+"""DDS topics: `LOW_STATE`: sensors of the robot; `SPORT_STATE`: state estimate of the manufacturer's controller."""
 BATTERY_AND_REST = "4BiH4B15H" + "8hI41B3xf2B2x2f4H2I"
 PACKED = "<4B4IH2x" + "13fB3x" + "B3x7fB3x3I" * 20 + BATTERY_AND_REST
-"""Layout of a LowState in the memory of the robot, over which its check sum is taken."""
+"""Format of `struct` for a LowState as it lies in the robot's memory, over which its check sum is computed."""
 SENT, SENT_AS = struct.Struct("<4x4B4IH2x" + "13fB" + "B2x7fB3x3I" + "B3x7fB3x3I" * 19 + BATTERY_AND_REST), b"\0\1"
-"""Layout of a LowState as DDS carries it with these first two bytes: XCDR1, the lower byte first."""
+"""`SENT`: format of `struct` for a LowState as DDS carries it; `SENT_AS`: first two bytes of such a message: XCDR1,
+little-endian."""
 MOTOR_WORDS, MOTORS = 12, 20
-"""Numbers of a motor, and motors of a LowState."""
+"""`MOTOR_WORDS`: length of one motor's part of the numbers of a LowState; `MOTORS`: number of motors in a LowState."""
 REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-"""Bytes with their bits in reverse order."""
+"""Table of all 256 bytes with their bits in reverse order, by index."""
 
 
 @dataclass
 @final
 @autoid("sequential")
 class ImuState(idl.IdlStruct, typename="unitree_go.msg.dds_.IMUState_"):
-    """Inertial unit: quaternion w x y z, rad/s, m/s^2, rad."""
+    """Inertial unit: quaternion w, x, y, z; angular velocity, rad/s; acceleration, m/s^2; roll, pitch, yaw, rad."""
 
     quaternion: array[float32, 4]
     gyroscope: array[float32, 3]
@@ -42,7 +43,7 @@ class ImuState(idl.IdlStruct, typename="unitree_go.msg.dds_.IMUState_"):
 @final
 @autoid("sequential")
 class MotorState(idl.IdlStruct, typename="unitree_go.msg.dds_.MotorState_"):
-    """Motor: rad, rad/s, Nm at the joint; `lost` counts its missing answers."""
+    """State of one motor: angle, rad, speed, rad/s, torque at the joint, Nm; `lost` counts missing answers."""
 
     mode: uint8
     q: float32
@@ -78,7 +79,7 @@ class BatteryState(idl.IdlStruct, typename="unitree_go.msg.dds_.BmsState_"):
 @final
 @autoid("sequential")
 class LowState(idl.IdlStruct, typename="unitree_go.msg.dds_.LowState_"):
-    """Sensors at 500 Hz; motors and feet in the maker's order, `tick` in ms."""
+    """Sensor message at 500 Hz; motors and feet in the manufacturer's order, `tick` in ms."""
 
     head: array[uint8, 2]
     level_flag: uint8
@@ -108,7 +109,7 @@ class LowState(idl.IdlStruct, typename="unitree_go.msg.dds_.LowState_"):
 @final
 @autoid("sequential")
 class TimeSpec(idl.IdlStruct, typename="unitree_go.msg.dds_.TimeSpec_"):
-    """Time stamp of the maker's estimate: seconds and nanoseconds."""
+    """Time stamp of the manufacturer's state estimate: seconds and nanoseconds."""
 
     sec: int32
     nanosec: uint32
@@ -118,7 +119,7 @@ class TimeSpec(idl.IdlStruct, typename="unitree_go.msg.dds_.TimeSpec_"):
 @final
 @autoid("sequential")
 class PathPoint(idl.IdlStruct, typename="unitree_go.msg.dds_.PathPoint_"):
-    """Point of a path that the maker's software has planned: s, m, rad, m/s, rad/s."""
+    """Point of a path planned by the manufacturer's software: time, s; position, m; heading, rad; their rates."""
 
     t_from_start: float32
     x: float32
@@ -133,7 +134,7 @@ class PathPoint(idl.IdlStruct, typename="unitree_go.msg.dds_.PathPoint_"):
 @final
 @autoid("sequential")
 class SportModeState(idl.IdlStruct, typename="unitree_go.msg.dds_.SportModeState_"):
-    """The maker's own estimate: m, m/s, rad/s."""
+    """State estimate of the manufacturer's controller: m, m/s, rad/s."""
 
     stamp: TimeSpec
     error_code: uint32
@@ -154,7 +155,7 @@ class SportModeState(idl.IdlStruct, typename="unitree_go.msg.dds_.SportModeState
 
 
 class Numbers(tuple[float, ...]):
-    """All numbers of a LowState, in the order of its fields."""
+    """All numbers of a LowState message, in the order of its fields."""
 
 
 class NumbersAsSent:
@@ -171,7 +172,7 @@ class NumbersAsSent:
 
 
 class Sensors(NamedTuple):
-    """Numbers of a LowState that a driver reads: rad, rad/s, Nm, m/s^2; motors and feet in the maker's order."""
+    """Numbers of a LowState that a driver reads: rad, rad/s, Nm, m/s^2; motors and feet in the manufacturer's order."""
 
     tick: int  # ms
     crc: int
@@ -185,7 +186,7 @@ class Sensors(NamedTuple):
 
 
 IMU_AT, MOTORS_AT, FEET_AT, TICK_AT = 9, 23, 288, 296
-"""Places of the first number of these parts among the numbers of a LowState."""
+"""Indices of the first number of the inertial unit, motors, foot forces and tick among the numbers of a LowState."""
 
 
 def sensors_of(n: Numbers) -> Sensors:
@@ -211,7 +212,7 @@ def numbers_of(state: LowState) -> Numbers:
 
 
 def check_sum(numbers: Numbers) -> int:
-    """Return the check sum of a LowState: CRC-32/MPEG-2 over its words but the last."""
+    """Return the check sum of a LowState: CRC-32/MPEG-2 over all its words but the last."""
     words = np.frombuffer(struct.pack(PACKED, *numbers)[:-4], dtype="<u4").byteswap().tobytes()
     reflected = zlib.crc32(words.translate(REVERSED)) ^ 0xFFFFFFFF
     return int(f"{reflected:032b}"[::-1], 2)

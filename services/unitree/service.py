@@ -1,4 +1,4 @@
-"""Unitree's quadrupeds (Go1, Go2, B2) over DDS, beside the maker's own controller: `rt/lowstate` in, nothing out."""
+"""Unitree's quadrupeds (Go1, Go2, B2) over DDS, beside the manufacturer's controller: `rt/lowstate` in, nothing out."""
 
 from typing import Any
 
@@ -13,19 +13,19 @@ from surefoot.schemas.hw import MakerMotion
 from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, HW_MAKER, SIM_STATUS, TICK_NS
 
 INSTALL = "pip install 'surefoot[unitree]'"
-"""Command that adds DDS."""
+"""Command that installs the optional DDS library."""
 MS = 1_000_000
 WRAP = 2**32
-"""Size of the robot's `tick`, ms: it begins again after 49.7 days."""
+"""Number of milliseconds after which the robot's counter `tick` restarts at 0: 49.7 days."""
 MOST = 64
-"""Most received messages that wait to be read."""
+"""Largest number of received messages that wait to be read."""
 MOTORS = 20
-"""Motors of a message; a quadruped has twelve."""
+"""Number of motors in a LowState message; a quadruped has twelve."""
 LEGS = ("fr", "fl", "rr", "rl")
 
 
 class UnitreeConfig(SensedConfig):
-    """Settings of the Unitree driver: network of the robot, and the maker's order of joints and feet."""
+    """Settings of the Unitree driver: network of the robot, and the manufacturer's order of joints and feet."""
 
     interface: str = Field(default="lo", description="network interface of the robot, e.g. eth0")
     domain: int = Field(default=0, ge=0, le=230, description="DDS domain")
@@ -41,7 +41,7 @@ class UnitreeConfig(SensedConfig):
 class Unitree(SensedDriver[UnitreeConfig]):
     """Driver that watches a Unitree robot over DDS; its ticks follow the robot's own counter.
 
-    The maker's own estimate is recorded as `hw/maker`.
+    The manufacturer's own estimate is recorded as `hw/maker`.
     """
 
     name = "unitree"
@@ -88,7 +88,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         return made[0], made[1]
 
     def poll(self) -> None:
-        """Read the messages that have come, for release tick by tick."""
+        """Read the received messages, for release tick by tick."""
         for state in self._readers[0].take(N=MOST):
             if isinstance(state, tuple):  # else: the writer has gone
                 self.take(state)
@@ -97,7 +97,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
                 self._maker = state
 
     def take(self, numbers: Any) -> None:
-        """Take the numbers of a LowState message of the robot: joints, inertial unit, foot forces."""
+        """Store the numbers of a LowState message: joints, inertial unit, foot forces."""
         from .messages import check_sum, sensors_of
 
         m = sensors_of(numbers)
@@ -118,7 +118,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         self.intake.joints(stamp, *([part[i] for i in self._joints] for part in (m.q, m.dq, m.tau_est)))
 
     def release(self, tick: int) -> list[DueSample]:
-        """Return the samples of a tick, and the maker's estimate if there is a new one."""
+        """Return the samples of a tick, and the manufacturer's state estimate if there is a new one."""
         out, maker, self._maker = self.intake.release(tick), self._maker, None
         if maker is None:
             return out
@@ -134,7 +134,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         return [*out, DueSample(HW_MAKER, message, tick * TICK_NS, tick)]
 
     def _time(self, tick_ms: int) -> int:
-        """Return the time of the robot, ms, without the wrap of its counter."""
+        """Return the time of the robot, ms, with its counter unwrapped."""
         if self._now_ms is None:
             self._now_ms = tick_ms
         self._now_ms += (tick_ms - self._now_ms + WRAP // 2) % WRAP - WRAP // 2

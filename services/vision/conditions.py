@@ -1,4 +1,4 @@
-"""Conditions under which an image shows nothing that can be trusted, found in its pixels."""
+"""Conditions under which an image shows nothing reliable, found in its pixels."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,11 +6,13 @@ from numpy.typing import NDArray
 Greys = NDArray[np.uint8]
 
 DARK, WHITE_FROM = 12.0, 250
-"""Mean grey of a dark image, and least grey of a pixel without detail."""
+"""`DARK`: mean grey, 0 to 255, below which an image or block is dark; `WHITE_FROM`: grey from which on a pixel is
+white."""
 BLOCKS = 8
-"""Blocks of an image along each side."""
+"""Number of blocks along each side of an image, in which a covered lens is searched."""
 MOST_COVERED, MOST_WHITE = 0.25, 0.5
-"""Shares of an image that may be dark, and white."""
+"""`MOST_COVERED`: share of dark blocks above which an image is `covered`; `MOST_WHITE`: share of white pixels above
+which it is `bright`."""
 
 
 def conditions(pixels: Greys, before: Greys | None) -> tuple[str, ...]:

@@ -21,49 +21,52 @@ from .view import FloorPose, Patch, from_above, greys, in_image
 Counts = NDArray[np.int64]
 
 FEW_FEATURES = 12
-"""Features of an image that shows a floor without any detail, or less."""
+"""Number of features up to which an image counts as `featureless`: a floor without any detail."""
 SCALES, SCALED = 8, 0.04
-"""Images over which the scale is watched, and the largest deviation of its median from 1."""
+"""`SCALES`: number of recent images whose floor scale is compared with the map; `SCALED`: deviation of their median
+from 1 above which the flag `scale` is raised."""
 SOON, FAR = 3, 0.1
-"""Number of last images whose scale counts that show a wrong scale without the median, and the deviation, to one side,
-that each of them then has."""
+"""`SOON`: number of last images that raise the flag `scale` at once; `FAR`: deviation of the scale from 1, all to one
+side, that each of them exceeds then."""
 SCALE_FROM = 5
-"""Least landmarks of an image whose scale counts."""
+"""Least number of recognised landmarks of an image whose floor scale is used."""
 BLIND_IMAGES, BLIND_SHARE, KNOWN_SHARE = 4, 0.025, 0.06
-"""Images, 0.2 s apart, in which no larger part of the features with a candidate is recognised on an unknown floor, and
-the part from which on a floor is known. Chance brings 0.01 over four images, 0.034 where a belief follows it."""
+"""`BLIND_IMAGES`: number of images, 0.2 s apart, over which recognised features are counted; `BLIND_SHARE`: share of
+those with a candidate up to which a known floor becomes unknown (by chance 0.01, or 0.034 if a belief follows it);
+`KNOWN_SHARE`: share above which an unknown floor becomes known."""
 HALF_MAPPED, HALF_SEEN, MAPPED = 0.25, 0.05, 40
-"""Over `BLIND_IMAGES` images: least part of the map's features in view that lies in a half of the image, part of the
-features found up to which that half shows nothing, and least number of the map's features in view."""
+"""Conditions of the flag `half_blind`. `HALF_MAPPED`: least share of the visible map features in a half of the image;
+`HALF_SEEN`: largest share of the found features there; `MAPPED`: least number of either in the image."""
 ELSEWHERE_EVERY = 3
-"""Images in a row without a landmark at the believed place, after which one is compared with the whole map."""
+"""Number of images in a row without a landmark at the believed pose, the last of which is compared with the whole
+map."""
 
 NONE = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
-"""Places (0, 2) m and indices in the map (0,) where no landmark was recognised."""
+"""Result without recognised landmarks: places (0, 2) m and indices in the map (0,)."""
 
 
 class Seen(NamedTuple):
     """Result of one image: recognised landmarks, counts of features and matches, faults."""
 
     places: Array
-    """Recognised landmarks, forward and left of base_link at the middle of the exposure, (k, 2) m."""
+    """Positions of the recognised landmarks, forward and left of base_link at the middle of the exposure, (k, 2) m."""
     landmarks: NDArray[np.int64]
     """Index in the map of each recognised landmark, (k,)."""
     features: int
     """Number of features found in the image."""
     compared: int
-    """Number of features with a candidate in the map."""
+    """Number of the image's features with a candidate in the map."""
     recognised: int
-    """Number of landmarks of the map that were found, of which `landmarks` are the likest."""
+    """Number of map landmarks found in the image; `landmarks` holds those with the most similar descriptors."""
     anywhere: bool
-    """True if the whole map was searched."""
+    """True if the whole map was searched, False if only the surroundings of the believed pose."""
     flags: tuple[str, ...]
-    """Faults, in short words; empty = none."""
+    """Names of the faults of the image; empty = none."""
 
 
 @dataclass
 class Eye:
-    """Recogniser of landmarks in the images of one camera, with a memory of the last images to detect faults.
+    """Recogniser of map landmarks in the images of one camera, with a memory of the last images to detect faults.
 
     Attributes:
         extractor: finds features in a picture.
@@ -80,13 +83,14 @@ class Eye:
     _scales: deque[float] = field(default_factory=lambda: deque[float](maxlen=SCALES))
     _blind: int = 0
     _found: deque[tuple[int, int]] = field(default_factory=lambda: deque[tuple[int, int]](maxlen=BLIND_IMAGES))
-    """Number of features recognised, and of those compared, in each of the last images."""
+    """Numbers of features recognised, and of features with a candidate, in each of the last images."""
     _known: bool = False
-    """True if the floor has been recognised, and not been unknown since."""
+    """True if the floor counts as that of the map, False if it is unknown."""
     _halves: deque[tuple[Counts, Counts]] = field(
         default_factory=lambda: deque[tuple[Counts, Counts]](maxlen=BLIND_IMAGES)
     )
-    """Features found, and features of the map, in the left, right, upper and lower half of each of the last images."""
+    """Numbers of found features and of map features in the left, right, upper and lower half of each of the last
+    images."""
 
     def features(self, image: CameraImage, base: FloorPose) -> tuple[FoundFeatures, tuple[str, ...]]:
         """Return the features of an image, in pixels of the picture from above, and the faults of the image by name.
@@ -190,7 +194,7 @@ class Eye:
 
 
 def _by_half(image: CameraImage, pixels: Array) -> Counts:
-    """Return how many of the places (n, 2) px in an image lie in its left, right, upper and lower half, (4,)."""
+    """Return the number of places, (n, 2) px, in the left, right, upper and lower half of an image, (4,)."""
     u, v = pixels.T
     inside = (u >= 0.0) & (u < image.width) & (v >= 0.0) & (v < image.height)
     left, upper = u < 0.5 * image.width, v < 0.5 * image.height

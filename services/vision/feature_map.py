@@ -1,4 +1,4 @@
-"""Map of the features of a floor: place, descriptor, and number of images that showed each.
+"""Map of the features of a floor: position, descriptor, and number of images that showed each.
 
 The file is a landmark map of the navigator (`.npz`, places and descriptors) with further arrays. The navigator
 identifies a landmark by its *code*, a unit vector drawn at random from the place of the feature, so that equal maps
@@ -23,48 +23,48 @@ from .features import KINDS, MOST_COMPARED, Kind, distances, nothing
 
 SCHEMA, CONTENT = "surefoot.landmarks/1", "surefoot.features/1"
 CODE = 8
-"""Numbers of the code (unit vector) by which the navigator knows a landmark."""
+"""Length of the code (unit vector) by which the navigator identifies a landmark."""
 SAME_PLACE = 0.03
-"""Distance, m, within which features of two maps that look alike are one."""
+"""Distance within which features of two maps with similar descriptors are merged into one, m."""
 DENSITY_CELL = 0.25
 """Edge of the cells in which the density of features is limited, m."""
 NUMBERS = {"positions": 2, "seen": 1, "sd": 1, "pixel": 0, "version": 0, "drift": 0}
-"""Arrays of numbers in a file, and their axes."""
+"""Numeric arrays of a map file by name, each with its number of axes."""
 PLACE_GRID = 1e-4
-"""Step, m, to which the places that a code is drawn from are rounded."""
+"""Step to which positions are rounded before a landmark's code is drawn from them, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class FeatureMap:
-    """Map of the features on the floor by their places, frame map, and descriptors; immutable."""
+    """Map of the features on the floor: positions, frame map, and descriptors; immutable."""
 
     kind: Kind
     positions: Array
-    """Places of the features on the floor, (n, 2) m, frame map."""
+    """Positions of the features on the floor, (n, 2) m, frame map."""
     descriptors: NDArray[Any]
     """Descriptors of the features, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
     seen: NDArray[np.int64]
-    """Images that each was seen in, (n,)."""
+    """Number of images in which each feature was found, (n,)."""
     sd: Array
-    """Standard deviation of each place along one axis, (n,) m."""
+    """Standard deviation of each feature's position along one axis relative to its neighbours, (n,) m."""
     pixel: float
-    """Edge of a pixel of the picture from above that the features are of, m."""
+    """Edge length on the floor of a pixel of the view from above in which the features were found, m."""
     camera: str
-    """Camera: width, height and focal length, in words."""
+    """Width, height and focal length of the camera, in words."""
     version: int = 1
     source: str = ""
     opencv: str = ""
     """Version of OpenCV that made the descriptors."""
     drift: float = 0.0
-    """Largest distance of a place from where it is against the first pose of the walk, one standard deviation, m; 0 =
-    the poses were known. Places beside each other are known by `sd`."""
+    """Standard deviation of the position farthest off, relative to the first pose of the mapping walk, m; 0 = the poses
+    were known. `sd` covers neighbouring positions."""
 
     def __len__(self) -> int:
         return len(self.positions)
 
     @property
     def codes(self) -> Array:
-        """Unit vectors by which the navigator knows the features, drawn at random from their places, (n, 8)."""
+        """Unit vectors by which the navigator identifies the features, drawn at random from their positions, (n, 8)."""
         found = np.empty((len(self), CODE))
         for row, place in zip(found, np.rint(self.positions / PLACE_GRID).astype("<i8"), strict=True):
             seed = int.from_bytes(hashlib.sha256(place.tobytes()).digest()[:8], "little")
@@ -72,20 +72,20 @@ class FeatureMap:
         return found / np.sqrt(np.add.reduce(found * found, axis=1, keepdims=True))
 
     def chosen(self, which: NDArray[Any]) -> "FeatureMap":
-        """Return the map of some features, by index (k,) or flag (n,)."""
+        """Return the map reduced to some features, by index (k,) or flag (n,)."""
         return replace(
             self, positions=self.positions[which], descriptors=self.descriptors[which], seen=self.seen[which],
             sd=self.sd[which],
         )  # fmt: skip
 
     def pruned(self, least: int, per_m2: float) -> "FeatureMap":
-        """Return the map of features seen in `least` images or more, of these the most seen, about `per_m2` per m^2."""
+        """Return the map of features seen in at least `least` images, the most seen up to about `per_m2` per m^2."""
         kept = np.flatnonzero(self.seen >= least)
         return self.chosen(kept[spread(self.positions[kept], self.seen[kept], per_m2)])
 
 
 def spread(positions: Array, seen: NDArray[np.int64], per_m2: float) -> NDArray[np.int64]:
-    """Return rising indices, (k,), of the features to keep: in each square of 0.25 m those seen in most images.
+    """Return ascending indices, (k,), of the features to keep: in each square of 0.25 m those seen in most images.
 
     Args:
         positions: on the floor, (n, 2) m.

@@ -14,26 +14,26 @@ from .opencv import opencv
 Kind = Literal["orb", "sift"]
 
 MOST_COMPARED = 100_000
-"""Most features of a picture or of a map."""
+"""Largest number of features of a picture or a map."""
 
 
 class FoundFeatures(NamedTuple):
     """Features found in one picture of the floor."""
 
     pixels: Array
-    """Places of the features in the image, column and row, (n, 2) px."""
+    """Positions of the features in the image, column and row, (n, 2) px."""
     descriptors: NDArray[Any]
     """Descriptors of the features, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
 
 
 @dataclass(frozen=True)
 class FeatureKind:
-    """One kind of feature: length of its descriptor, and the distance up to which two are alike."""
+    """Kind of feature: length of its descriptor, and the distance up to which two descriptors are alike."""
 
     length: int
     """Number of elements of a descriptor of this kind."""
     like: float
-    """Largest distance of two descriptors of one feature: bits, or Euclidean."""
+    """Largest distance of two descriptors of one feature, no unit: differing bits (ORB), or Euclidean (SIFT)."""
 
 
 KINDS: dict[Kind, FeatureKind] = {
@@ -69,7 +69,7 @@ class Extractor:
 
 
 def nothing(kind: Kind) -> FoundFeatures:
-    """Return an empty set of features of a kind."""
+    """Return an empty set of features of a kind (ORB or SIFT)."""
     return FoundFeatures(np.zeros((0, 2)), np.zeros((0, KINDS[kind].length), np.uint8 if kind == "orb" else np.float32))
 
 

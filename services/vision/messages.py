@@ -1,4 +1,4 @@
-"""Conversion between the result of an image and messages on the bus."""
+"""Conversion between vision results and messages on the bus."""
 
 import math
 
@@ -16,11 +16,12 @@ from .motion import OdometryAt
 from .recognise import Believed
 
 UNSURE = (0.5, 0.6)
-"""Standard deviations of a belief, position (m) and heading (rad), from which on it restricts no search."""
+"""Standard deviations of position, m, and heading, rad, above which a believed pose is ignored and the whole map is
+searched."""
 
 
 def belief_of(message: PoseBelief | None, then: OdometryAt) -> Believed | None:
-    """Return the navigator's belief of the pose at the time of an image; None = lost, or too uncertain to be of use.
+    """Return the navigator's believed pose at the time of an image; None = lost, or too uncertain to restrict a search.
 
     `message`: the newest belief; None = there is none. `then`: odometry at the time of the image.
     """
@@ -36,14 +37,14 @@ def belief_of(message: PoseBelief | None, then: OdometryAt) -> Believed | None:
 
 
 def places_of(message: LandmarkDetections) -> Array:
-    """Return the places of the landmarks of a message, forward and left of base_link at its stamp, (k, 2) m."""
+    """Return the positions of the landmarks in a message, forward and left of base_link at its stamp, (k, 2) m."""
     return np.array(
         [(m.range * math.cos(m.bearing), m.range * math.sin(m.bearing)) for m in message.landmarks]
     ).reshape(-1, 2)  # fmt: skip
 
 
 def landmarks_message(places: Array, seen: Seen, codes: Array, stamp_ns: int, flags: tuple[str, ...]) -> SeenLandmarks:
-    """Return the message of the landmarks that were recognised in an image.
+    """Return the message of the landmarks recognised in an image.
 
     Args:
         places: of its landmarks, forward and left of base_link now, (k, 2) m.

@@ -1,4 +1,4 @@
-"""Motion of the robot in the last seconds: its pose at the time of an image, and its movement since."""
+"""Motion of the robot in the last seconds: its pose at the time of an image, and its movement since then."""
 
 import math
 from bisect import bisect_right
@@ -21,20 +21,20 @@ from .view import FloorPose
 T = TypeVar("T")
 
 KEPT = 300
-"""Odometry messages that are kept, one each 10 ms."""
+"""Largest number of odometry messages kept, one every 10 ms; the oldest are dropped."""
 READ_WITHIN_NS = 100_000_000
-"""Largest time between an image and the odometry and joints that it is read with, ns."""
+"""Largest time between an image and the odometry and joint angles used with it, ns; beyond it the image is not used."""
 
 
 class OdometryAt(NamedTuple):
-    """Pose of the odometry and attitude of the trunk at one time."""
+    """Odometry pose and trunk attitude at one time."""
 
     stamp_ns: int
-    """Simulated time, ns."""
+    """Simulated time of the odometry, ns."""
     pose: tuple[float, float, float]
-    """x, y in m and heading in rad, frame odom."""
+    """Pose of base_link, x, y in m and heading in rad, frame odom."""
     rot: Array
-    """Roll and pitch: rotation from base_link to the level axes along its heading, (3, 3)."""
+    """Rotation by roll and pitch, from base_link to the level axes along its heading, (3, 3)."""
 
 
 @dataclass
@@ -53,7 +53,7 @@ class MotionHistory:
     )
 
     def moved(self, odometry: Odometry) -> None:
-        """Record the odometry of a tick; one that corrects the past shifts all kept poses: the robot did not move."""
+        """Record the odometry of a tick; a correction of the past shifts all kept poses, as the robot did not move."""
         if not odometry.initialised:
             return
         c, s = math.cos(odometry.yaw), math.sin(odometry.yaw)
@@ -66,7 +66,7 @@ class MotionHistory:
         self._moments.append(OdometryAt(odometry.stamp_ns, (x, y, odometry.yaw), rot))
 
     def _correct(self, pose: tuple[float, float, float]) -> None:
-        """Move all that is kept with a last pose that was corrected: the robot did not move.
+        """Shift all kept poses with the last one, which was corrected although the robot did not move.
 
         `pose`: the last one after the correction, x, y in m and heading in rad, frame odom.
         """
@@ -84,11 +84,11 @@ class MotionHistory:
 
     @property
     def now(self) -> OdometryAt | None:
-        """Last odometry that was received."""
+        """Last odometry received."""
         return self._moments[-1] if self._moments else None
 
     def at(self, stamp_ns: int) -> tuple[OdometryAt, FloorPose] | None:
-        """Return odometry and pose over the floor at a simulated time, ns; None = none is known within 0.1 s of it."""
+        """Return odometry and pose above the floor at a simulated time, ns; None = none is known within 0.1 s of it."""
         moment = _nearest(list(self._moments), [m.stamp_ns for m in self._moments], stamp_ns)
         joints = _nearest(list(self._joints), [j[0] for j in self._joints], stamp_ns)
         if moment is None or joints is None:
@@ -105,7 +105,7 @@ def _nearest(items: list[T], stamps: list[int], stamp_ns: int) -> T | None:
 
 
 def since(places: Array, then: OdometryAt, now: OdometryAt) -> Array:
-    """Return points that lay forward and left of base_link at `then`, in these axes at `now`, by odometry, (n, 2) m.
+    """Return points forward and left of base_link at `then` in its axes at `now`, by odometry, (n, 2) m.
 
     `places`: the points, (n, 2) m.
     """

@@ -24,9 +24,10 @@ Index = NDArray[np.int64]
 
 
 FEWEST_AGREE = 3
-"""Matches that agree on a motion, at least: two always do."""
+"""Least number of matches that must agree on a motion; two always do."""
 PLACE, PITCHED = 0.005, 0.03
-"""Noise of a place, m, and stretch across the heading by a pitch of 1 deg, one standard deviation."""
+"""Standard deviations for the estimate of the floor's scale. `PLACE`: of a feature's position, m; `PITCHED`: of the
+stretch across the heading, no unit, as by a camera pitch of 1 deg."""
 
 
 @dataclass(frozen=True)
@@ -34,41 +35,43 @@ class RecogniseParams:
     """Limits within which the floor of an image is recognised on the map."""
 
     chi2: float = 9.21
-    """Square of the gate in standard deviations, chi^2_2(.99)."""
+    """Squared normalised distance, chi^2_2(.99), within which a map feature is a candidate."""
     slack: float = 0.04
-    """Gate of an exact pose, m: noise of a place and tilt."""
+    """Radius of the gate around a feature's place if the pose is exact, m: noise of places and tilt."""
     ratio: float = 0.85
-    """Largest distance to the nearest candidate over that to the second."""
+    """Descriptor distance to the nearest candidate over that to the second above which a match is rejected."""
     beside: float = 0.02
-    """Distance below which two features of the map count as one, m."""
+    """Distance below which two map features count as one in the ratio test, m."""
     alone: float = 0.8
-    """Part of the largest distance that a match without a second candidate may have."""
+    """Largest descriptor distance of a match without a second candidate, as a part of the usual limit, 0 to 1."""
     apart: float = 0.1
-    """Least distance of the pairs that motions are drawn from, m."""
+    """Least distance between the two features of a pair from which a motion is computed, m."""
     turn: float = 0.15
-    """Largest deviation from the heading of an exact pose, rad: noise of places that lie near each other."""
+    """Largest deviation of a motion's heading from that of an exact pose, rad: features close together determine it
+    poorly."""
     inlier: float = 0.025
-    """Largest residual of a match under the common motion, m."""
+    """Largest residual of a match that agrees with the common motion, m."""
     pairs: int = 300
-    """Number of pairs of matches from each of which a motion is tried."""
+    """Number of pairs of matches from which a motion is computed and tested."""
     fewest_anywhere: int = 8
     """Least number of matches that agree on a motion found without a belief."""
     share_compared: float = 0.08
-    """Least share of the compared features that agree on a motion found without a belief.
+    """Least share of the compared features that agree on a motion found without a believed pose.
 
     The middle of an image upside down brings 0.044."""
     share_here: float = 0.02
     """Least share of the compared features that agree on a motion at the believed place; chance brings 0.008."""
     share_alone: float = 0.05
-    """Least share of the compared features that are matched where too few agree; chance brings 0.04."""
+    """Share of matched among compared features from which on all matches count although too few agree; chance brings
+    0.04."""
     share_anywhere: float = 0.3
     """Least share of the matches that agree on a motion found without a belief."""
     most: int = 20
-    """Landmarks of one image, the likest."""
+    """Largest number of landmarks reported for one image; those with the most similar descriptors are kept."""
 
 
 class Believed(NamedTuple):
-    """Belief of the robot's pose at the time of an image."""
+    """Believed pose of the robot at the time of an image."""
 
     pose: Array
     """x, y (m) and heading (rad) of base_link, frame map, (3,)."""
@@ -80,23 +83,24 @@ class Recognised(NamedTuple):
     """Map features found in one picture."""
 
     features: Index
-    """Indices of the features of the picture, those first that look most like the map's, (k,)."""
+    """Indices of the recognised features of the picture, most similar to the map's first, (k,)."""
     landmarks: Index
-    """Index in the map of the feature that each shows, (k,)."""
+    """Index in the map of the landmark that each recognised feature shows, (k,)."""
     anywhere: bool
-    """True if no belief restricted the search."""
+    """True if the whole map was searched, False if a believed pose restricted the search."""
     agreed: int
-    """Number of map features found, of which `features` are the likest."""
+    """Number of map features found; `features` holds those with the most similar descriptors."""
     compared: int
     """Number of features of the picture that had a candidate in the map."""
     scale: float
-    """Scale of the motion that explains the matches best, 1 = the picture's is right; 1 for fewer than three."""
+    """Scale of the picture by the motion that explains the matches best, 1 = correct; also 1 for fewer than three
+    matches."""
 
 
 def recognise(
     places: Array, descriptors: NDArray[Any], world: FeatureMap, belief: Believed | None, params: RecogniseParams
 ) -> Recognised:
-    """Return the features of the map that are recognised in a picture.
+    """Return the map features that are recognised in a picture.
 
     Args:
         places: of the picture's n features, forward and left of base_link, (n, 2) m.
@@ -130,13 +134,13 @@ def recognise(
 
 
 def seen_from(positions: Array, pose: Array) -> Array:
-    """Return places of the map, (n, 2) m, forward and left of a pose x, y (m), heading (rad), (3,), as (n, 2) m."""
+    """Return map positions, (n, 2) m, forward and left of a pose x, y (m), heading (rad), (3,), as (n, 2) m."""
     away, c, s = positions - pose[:2], math.cos(pose[2]), math.sin(pose[2])
     return np.stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]), axis=1)
 
 
 def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
-    """Return the distance from each place within which features of the map are candidates for it, (n,) m.
+    """Return the distance from each place within which map features are candidates for it, (n,) m.
 
     Args:
         places: of features, forward and left of base_link, (n, 2) m.
@@ -151,7 +155,7 @@ def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
 def _gate(
     places: Array, world: FeatureMap, belief: Believed | None, params: RecogniseParams
 ) -> tuple[NDArray[np.bool_], Index]:
-    """Return which features of the map may be which feature of the picture by their place.
+    """Return the map features that each feature of the picture may show by its position.
 
     Args:
         places: of the picture's n features, forward and left of base_link, (n, 2) m.
@@ -179,7 +183,7 @@ def _gate(
 def _likest(
     apart: Array, gate: NDArray[np.bool_], near: Index, world: FeatureMap, params: RecogniseParams
 ) -> tuple[Index, Index, Array]:
-    """Return the k matches that pass the ratio test, each feature of the map once, those most alike first.
+    """Return the k matches that pass the ratio test, each map feature once, the most similar first.
 
     Args:
         apart: distance of the descriptors of each feature and each map feature near the picture, (n, m).
@@ -216,7 +220,7 @@ def _likest(
 def consensus(
     here: Array, there: Array, params: RecogniseParams, bend: tuple[float, float] | None = None
 ) -> tuple[NDArray[np.bool_], float]:
-    """Return which matches one rigid motion explains, (n,), and the scale that would explain these best.
+    """Return the matches that one rigid motion explains, (n,), and the scale that would explain these best.
 
     Args:
         here: places of the matched features in the picture, forward and left of base_link, (n, 2) m.
@@ -254,7 +258,7 @@ def consensus(
 
 
 def _moved(here: Array, c: Array, s: Array, middle: Array, goal: Array, there: Array) -> tuple[Array, Array]:
-    """Return the residuals x and y, (k, n) m, of n points under k motions, each a turn that takes `middle` to `goal`.
+    """Return the residuals x and y, (k, n) m, of n points under k motions, each a turn that maps `middle` to `goal`.
 
     Args:
         here: points before the motion, (n, 2) m.
@@ -270,7 +274,7 @@ def _moved(here: Array, c: Array, s: Array, middle: Array, goal: Array, there: A
 
 
 def _fit(here: Array, there: Array) -> tuple[float, float, float]:
-    """Return cosine and sine of the turn that fits `here` onto `there`, (n, 2) m, best, and the scale (1 for n < 3).
+    """Return cosine and sine of the least-squares turn from `here` onto `there`, (n, 2) m, and the scale (1 for n < 3).
 
     A camera at height h, pitched by p rad too far, stretches the floor about the distance x ahead by 2 x p / h along
     the heading and by x p / h across it. Such a stretch is found beside the scale, so that a robot whose tilt is

@@ -1,4 +1,4 @@
-"""A dry run of the vision service: one made-up image, so that OpenCV loads what it needs."""
+"""Dry run of the vision service on a made-up image, so that OpenCV loads what it needs."""
 
 from base64 import b64encode
 
@@ -10,11 +10,11 @@ from .eye import Eye
 from .view import FloorPose
 
 DOWN = (0.27059805, -0.65328148, 0.65328148, -0.27059805)
-"""quat_wxyz of a camera that looks ahead and 45 deg down."""
+"""Rotation of a camera that looks ahead and 45 deg down, quaternion w, x, y, z."""
 
 
 def rehearse(eye: Eye) -> None:
-    """Process a made-up image, so that all that `eye` needs is loaded."""
+    """Process a made-up image, so that everything `eye` needs is loaded."""
     greys = np.random.default_rng(0).integers(0, 255, (96, 128)).astype(np.uint8)
     image = CameraImage(
         width=128, height=96, format="gray8", pixels=b64encode(greys.tobytes()).decode(), focal=150.0,

@@ -24,11 +24,11 @@ from .rehearsal import rehearse
 from .view import Patch
 
 SILENT_NS = 900_000_000
-"""Time without an image after which the camera is silent, ns."""
+"""Time without an image after which the camera counts as silent, ns."""
 
 
 class ImageJob(NamedTuple):
-    """Image that the worker thread processes: its result to come, its time, ns, and odometry then."""
+    """Image that the worker thread processes: its future result, its time, ns, and the odometry then."""
 
     result: Future[Seen]
     stamp_ns: int
@@ -97,7 +97,7 @@ class VisionService(Service[VisionConfig]):
             self._publish(now, wait=inputs.tick.mode == "lockstep")
 
     def _take(self, image: CameraImage, now: int) -> None:
-        """Begin to read an image, unless it is old, or another one is under way."""
+        """Begin to process an image, unless it is old, or another one is under way."""
         camera: tuple[str, ...] = ()
         if image.stamp_ns <= self._stamp:
             camera = ("repeated",)
@@ -112,7 +112,7 @@ class VisionService(Service[VisionConfig]):
         self._camera = camera
 
     def _publish(self, now: int, *, wait: bool) -> None:
-        """Publish what the last image showed; in lockstep its reading is awaited, so that runs repeat."""
+        """Publish the result of the last image; in lockstep wait for it, so that runs are reproducible."""
         job, here = self._job, self.motion.now
         if job is None or here is None or not (wait or job.result.done()):
             self.publish(STATE_LANDMARKS, SeenLandmarks(landmarks=(), flags=self._noted(self._camera or self._flags)))
@@ -125,7 +125,7 @@ class VisionService(Service[VisionConfig]):
         self.publish(STATE_LANDMARKS, message)
 
     def _noted(self, flags: tuple[str, ...]) -> tuple[str, ...]:
-        """Log a change of the flags, and return them."""
+        """Log a change of the image's fault flags, and return them."""
         if flags != self._last_flags:
             self._last_flags = flags
             self.log("warning" if flags else "info", f"camera: {', '.join(flags) or 'sees again'}")

@@ -1,4 +1,4 @@
-"""Picture of the floor from straight above, computed from a camera image.
+"""View of the floor from straight above, computed from a camera image.
 
 With p and R the camera's pose over the floor (position m and rot_floor_from_camera in heading axes below base_link,
 origin on the floor) a point of the floor (x, y, 0) is seen at K R^T ((x, y, 0) - p): a homography, linear in (x, y, 1).
@@ -24,16 +24,17 @@ from .opencv import opencv
 Greys = NDArray[np.uint8]
 
 EDGE = 9
-"""Border, in pixels, of the visible floor in which no feature is looked for."""
+"""Edge of the square, px of the view from above, by which the visible floor is eroded: no features are searched within
+4 px of its border."""
 
 
 class FloorPose(NamedTuple):
-    """Roll, pitch and height of base_link over the floor."""
+    """Roll, pitch and height of base_link above the floor."""
 
     rot: Array
-    """Roll and pitch: rotation from base_link to the level axes along its heading, (3, 3)."""
+    """Rotation by roll and pitch, from base_link to the level axes along its heading, (3, 3)."""
     height: float
-    """Height of base_link over the floor, m."""
+    """Height of base_link above the floor, m."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Patch:
     farthest: float = 1.1
     beside: float = 0.55
     pixel: float = 0.003
-    """Edge of a pixel of the picture from above, m."""
+    """Edge length on the floor of a pixel of the view from above, m."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -61,7 +62,7 @@ class Patch:
 
 
 def greys(image: CameraImage) -> Greys:
-    """Return the pixels of an image message, greys 0 to 255, (height, width).
+    """Return the pixels of an image message as grey levels 0 to 255, (height, width).
 
     Raises:
         Refusal: what came is no such image.
@@ -134,7 +135,7 @@ def in_image(image: CameraImage, base: FloorPose, patch: Patch, places: Array) -
 
 
 def from_above(image: CameraImage, pixels: Greys, base: FloorPose, patch: Patch) -> tuple[Greys, Greys]:
-    """Return the picture of the floor from above, (rows, cols) greys, and a mask of it: 255 where it shows the floor.
+    """Return the view of the floor from above, (rows, cols) greys, and its mask: 255 where it shows the floor.
 
     Args:
         image: message of the image, with the camera's place.

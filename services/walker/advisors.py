@@ -19,9 +19,10 @@ from .legged.standins import HullCheck, nominal_footholds
 from .outcomes import Outcomes
 
 ANSWER_S = 1.0
-"""Wall time in paced mode after which the walker's own stand-in replaces a reply, s; in lockstep time waits for it."""
+"""Wall time in paced mode after which the walker uses its own stand-in for a missing reply, s; lockstep waits for the
+reply."""
 REGION_TOLERANCE_M = 1e-3
-"""Accuracy of the region in the reply, m; its margins are exact."""
+"""Requested accuracy of the support region in a stability reply, m; the margins in the reply are exact."""
 
 
 class Call(Protocol):
@@ -50,10 +51,10 @@ class Advisors:
         """Begin a tick: set the epoch and the tick that its requests carry."""
         self._epoch, self._tick = epoch, tick
         self.missing = ""
-        """Reason why a reply of this tick is missing, in words; empty = none is."""
+        """Reason why an advisor's reply is missing in this tick, in words; empty = none is missing."""
 
     def select(self, step: LandingRequest) -> Sequence[FootholdReply]:
-        """Return the footholds of all legs of a step, from one request; without a reply nominal ones (`no_answer`)."""
+        """Return the footholds of all legs of a step by one request; without a reply nominal ones (`no_answer`)."""
         if not self._footholds:
             return nominal_footholds(step)
         quat = rotations.quat_from_rpy(0.0, 0.0, step.yaw)
@@ -77,7 +78,7 @@ class Advisors:
         return [FootholdReply(leg.status, leg.foothold, leg.trunk_shift, leg.reason) for leg in reply.legs]
 
     def check(self, step: StanceCheck) -> StanceVerdict:
-        """Return the verdict on a planned step; without a reply by the hull of the standing feet."""
+        """Return the verdict on a planned step; without a reply that of the hull of the standing feet."""
         if not self._stability:
             return self._own_check(step)
         request = CheckRequest(

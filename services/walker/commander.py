@@ -26,9 +26,9 @@ class Commander:
         self.gait, self._memory, self._log = gait, memory, log
         self.order = TakenOrder()
         self.stopped = ""
-        """Reason of an emergency stop, which only a new run releases; empty = none."""
+        """Reason of an emergency stop, in words; empty = none. Only a new run releases the stop."""
         self.refused = ""
-        """Reason why a planned command was refused in this tick; empty = none was."""
+        """Reason why a planned command was refused in this tick, in words; empty = none was."""
         self._planned: list[tuple[int, int, WalkCommand]] = []  # tick, number, command
         self._tick, self._epoch = -1, 0
 
@@ -52,7 +52,7 @@ class Commander:
         return WalkReply(accepted=True, id=number)
 
     def begin(self, epoch: int, tick: int) -> None:
-        """Begin a tick: in the first one resume what an earlier process stored; then carry out the commands now due."""
+        """Begin a tick: in the first one resume what an earlier process stored; then carry out the due commands."""
         first, self._epoch, self._tick = self._tick < 0, epoch, tick
         if first and tick > 0:
             self._recall()
@@ -67,7 +67,7 @@ class Commander:
                 self.refused = reply.reason
 
     def obey(self, order: MotionOrder) -> None:
-        """Carry out an order of the navigator in this tick; an order that came before is ignored.
+        """Carry out an order of the navigator in this tick; a repeated order is ignored.
 
         The walker does not correct its steps by such a walk: the navigator estimates drift itself.
         """
@@ -82,7 +82,7 @@ class Commander:
             self._log("warning", f"order {order.number} ({order.command.action}) refused: {reason}")
 
     def keep(self) -> None:
-        """Write the state that a restart must not lose to the file; before the first tick there is none."""
+        """Write the state that a restart must not lose to the file; before the first tick there is none to write."""
         if self._memory.path is None or self._tick < 0:
             return
         planned = tuple(item[2].model_dump() for item in self._planned)

@@ -1,4 +1,4 @@
-"""Checks of commands before they are obeyed, for every kind of robot."""
+"""Checks of walk commands before they are carried out, for every kind of robot."""
 
 import math
 from dataclasses import dataclass
@@ -11,23 +11,23 @@ class ArcLimits:
     """Limits of a walk along an arc."""
 
     step_m: float
-    """Length of a step at the usual speed, m."""
+    """Advance of the body in a step at the gait's own speed, m."""
     step_s: float
     """Duration of a step along an arc, s."""
     max_turn_rad: float
-    """Largest turn of a step, rad."""
+    """Largest change of heading in one step along an arc, rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class Abilities:
-    """Abilities of a gait by which a command is checked."""
+    """Abilities of a gait against which a command is checked."""
 
     gaits: tuple[str, ...]
-    """Names a command may ask for."""
+    """Names of the gaits that a command may request."""
     fastest: float
-    """Largest speed of the robot's walk, m/s."""
+    """Largest walking speed of the robot, m/s; faster commands are refused."""
     shifts: bool = False
-    """True if the trunk can be shifted over the standing feet."""
+    """True if commands may shift the trunk over the standing feet; False = such commands are refused."""
     arcs: ArcLimits | None = None
     """Limits of walking along arcs; None = the robot turns on the spot only."""
 

@@ -9,7 +9,7 @@ from .memory import WalkMemory
 
 
 class Gait(Protocol):
-    """Gait of one kind of robot, which turns commands into set-points of the joints, one control tick at a time."""
+    """Interface of a gait, which turns commands into joint set-points, one control tick at a time."""
 
     @property
     def walk_id(self) -> int:
@@ -25,7 +25,7 @@ class Gait(Protocol):
         ...
 
     def set_map(self, heights: HeightMap | None) -> None:
-        """Use a new terrain map, frame map; None: the ground is where the feet are. A gait may ignore the map."""
+        """Use a new terrain map, frame map; None = the ground is where the feet are. A gait may ignore the map."""
         ...
 
     def kept(self) -> WalkMemory:
@@ -37,5 +37,5 @@ class Gait(Protocol):
         ...
 
     def step(self, inputs: WalkerInputs) -> WalkerOutputs:
-        """Advance by one control tick of 10 ms; return its set-points and state."""
+        """Advance the gait by one control tick of 10 ms; return its set-points and state."""
         ...

@@ -26,22 +26,22 @@ class WalkerInputs:
     pitch: float = 0.0
     """Estimated pitch of base_link, rad."""
     rate: Vec3 = (0.0, 0.0, 0.0)
-    """Estimated angular velocity of the trunk, rad/s, base_link axes, for the balance of bipeds."""
+    """Estimated angular velocity of the trunk, rad/s, base_link axes; bipeds balance by it."""
     x: float = 0.0
-    """Dead-reckoned base_link position in odom, m."""
+    """Dead-reckoned x of base_link, m, frame odom."""
     y: float = 0.0
     yaw: float = 0.0
-    """Dead-reckoned heading in odom, rad, not wrapped."""
+    """Dead-reckoned heading of base_link, rad, frame odom, not wrapped."""
     estimate_stamp: float = 0.0
-    """Time of the sample behind the estimate, s."""
+    """Simulated time of the sensor sample behind the estimate, s."""
     initialised: bool = False
-    """True if the estimator has finished its standstill calibration."""
+    """True if the estimator has finished its standstill calibration; False = the walker waits."""
     joints: Array | None = None
-    """Measured joint angles of a sample released in this tick, (nj,) rad, or None."""
+    """Measured joint angles of a sample released in this tick, (nj,) rad; None = no sample."""
     contacts: Flags | None = None
-    """Foot switches of a sample released in this tick, (L,), or None."""
+    """True for each closed foot switch in a sample released in this tick, (L,); None = no sample."""
     margin: float | None = None
-    """Signed static margin the stability service published for the previous tick, m, or None."""
+    """Signed static stability margin published for the previous tick, m; None = not published."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class WalkerOutputs:
     phase: float
     """Phase of the present step, 0..1; 0 between steps."""
     stance: Flags
-    """Feet planned on the ground, (L,)."""
+    """True for each foot planned on the ground, False for each planned in the air, (L,)."""
     footholds: Array
     """Present or planned foot CENTRES (of a biped: soles), (L, 3) m, frame map; of a biped odom."""
     foothold_status: tuple[str, ...]
@@ -63,15 +63,15 @@ class WalkerOutputs:
     trunk_height: float
     """Planned height of base_link over the ground under the mean foothold, m."""
     remaining: float
-    """Way or angle still to go, m or rad."""
+    """Remaining distance of a walk, m, or angle of a turn, rad."""
     margin: float | None
-    """Static margin of the last step check, m."""
+    """Static stability margin of the last step check, m; None = no check."""
     reason: str
     """Reason in words for which a step was refused or degraded; empty when all is well."""
     steps: int
-    """Steps finished since the start."""
+    """Number of steps finished since the start."""
     unreachable: int
-    """Feet whose target was out of reach in this tick."""
+    """Number of feet whose target was out of reach in this tick."""
     ends_in_s: float | None = None
     """Time until the last planned step of the command lands, s; None = no command is under way, or unknown."""
 
@@ -82,33 +82,33 @@ class MotionCommand:
 
     action: Action
     distance: float | None = None
-    """Way of a walk along the heading, m, negative = backward; None = until another command."""
+    """Distance of a walk along the heading, m, negative = backward; None = until another command."""
     velocity: float | None = None
-    """Speed of a walk along the heading, m/s; None = the gait's own."""
+    """Speed of a walk along the heading, m/s; None = the gait's own speed."""
     angle: float | None = None
-    """Angle of a turn, or of the arc of a biped's walk, rad, left positive."""
+    """Angle of a turn, or of the arc of a biped's walk, rad, left positive; None = not given."""
     gait: str | None = None
-    """Name of a gait, None = the default."""
+    """Name of the gait to walk; None = the default gait."""
     duration: float | None = None
     """Time from the first step on after which a walk or turn ends, s; None = no limit."""
     shift: tuple[float, float] | None = None
-    """Place of the standing trunk, m forward and left of the middle of its feet; None = it stays."""
+    """Position of the standing trunk, m forward and left of the middle of its feet; None = it stays."""
     learn: bool = True
-    """True if a biped may compare its steps with the odometry and correct the next ones; False for a command of the
-    navigator, which estimates drift itself: two corrections of one drift add up."""
+    """True if a biped may correct its next steps by odometry; False for a command of the navigator, which estimates the
+    drift itself: two corrections of one drift add up."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandReply:
-    """Answer to a command, at once."""
+    """Immediate reply to a command: accepted, or refused with a code and a reason."""
 
     accepted: bool
     walk_id: int = 0
     code: str = ""
-    """not_initialised, unknown_gait, unsupported, bad_value, missing_field, conflict, too_fast, too_tight, fallen;
-    empty when accepted."""
+    """Error code of a refused command, empty = accepted: not_initialised, unknown_gait, unsupported, bad_value,
+    missing_field, conflict, too_fast, too_tight or fallen."""
     field: str | None = None
-    """Name of the field that was refused; None = the state of the robot is the cause."""
+    """Name of the field that was refused; None = accepted, or the robot's state is the cause."""
     reason: str = ""
     """Reason of a refusal in words, empty when the command was accepted."""
 
@@ -120,35 +120,35 @@ def refused(code: str, field: str | None, reason: str) -> CommandReply:
 
 @dataclass(frozen=True, slots=True)
 class FootholdRequest:
-    """Part of a request for footholds that belongs to one leg."""
+    """Part of a foothold request that belongs to one leg."""
 
     leg: int
     nominal: Vec3
-    """Landing of the foot CENTRE without a better choice, map frame, m."""
+    """Default landing of the foot CENTRE, map frame, m, used if no better foothold is found."""
     stroke: Vec3
-    """Movement of the foot relative to the body in the coming stance, map axes, m (backward when walking forward)."""
+    """Movement of the foot relative to the body in the coming stance, map axes, m (backward in a forward walk)."""
 
 
 @dataclass(frozen=True, slots=True)
 class LandingRequest:
-    """Request for the footholds of all legs that swing together, with the pose of the trunk when they land."""
+    """Request for the footholds of all legs that swing together, with the trunk pose at their landing."""
 
     body: Vec3
     """Planned base_link position at touch-down, map frame, m."""
     yaw: float
-    """Planned heading at touch-down, rad."""
+    """Planned heading of base_link at touch-down, rad, map frame."""
     legs: tuple[FootholdRequest, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class FootholdReply:
-    """Foothold that was chosen for one leg, or the reason why there is none."""
+    """Foothold chosen for one leg, or the reason why there is none."""
 
     status: Literal["ok", "raise_trunk", "infeasible", "no_answer"]
     foothold: Vec3 | None = None
-    """Chosen landing of the foot CENTRE, map frame, m."""
+    """Chosen landing of the foot CENTRE, map frame, m; None = no foothold was found."""
     trunk_shift: float = 0.0
-    """Change of the trunk's height that makes the foothold reachable, m, up positive; used with raise_trunk."""
+    """Change of the trunk's height that makes the foothold reachable, m, up positive; used with status raise_trunk."""
     reason: str = ""
 
 
@@ -162,7 +162,7 @@ class StanceCheck:
     """Unit normals of the ground at the contact points, map frame, (n, 3)."""
     mu: float
     joints: Array
-    """Planned joint angles, (nj,) rad."""
+    """Planned joint angles of the stance, (nj,) rad."""
     base_position: Array
     """Position of base_link, (3,) m, map frame."""
     base_quat: Array
@@ -170,23 +170,24 @@ class StanceCheck:
     movement: Vec3
     """Planned movement of the trunk in the step, map axes, m."""
     legs: tuple[str, ...] = ()
-    """Name of the leg behind each position."""
+    """Name of the leg that each contact point in `positions` belongs to."""
 
 
 @dataclass(frozen=True, slots=True)
 class StanceVerdict:
-    """Result of the check of a planned step: whether the robot stays stable, and with which margin."""
+    """Result of the stability check of a planned step: whether the robot stays stable, and its margin."""
 
     stable: bool
     margin: float | None = None
-    """Least signed margin before and after the movement, m; in between it is not less, as the region is convex."""
+    """Least signed static margin before and after the movement, m, None = none; the region is convex, so it is no less
+    in between."""
     status: str = "ok"
     region: Array | None = None
-    """Region of safe centres of mass, counter-clockwise, (k, 2) m; None without an area."""
+    """Corners of the region of safe centres of mass, counter-clockwise, (k, 2) m, map frame; None = it has no area."""
     com: Array | None = None
-    """Centre of mass before the movement, (2,) m."""
+    """Horizontal position of the centre of mass before the movement, (2,) m, map frame; None = unknown."""
     com_after: Array | None = None
-    """Centre of mass after the movement, (2,) m."""
+    """Horizontal position of the centre of mass after the movement, (2,) m, map frame; None = unknown."""
 
 
 Select = Callable[[LandingRequest], Sequence[FootholdReply]]

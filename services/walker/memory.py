@@ -18,25 +18,25 @@ from .interface import BodyPose, MotionCommand
 
 @dataclass(frozen=True)
 class WalkMemory:
-    """State that a walker needs to go on after a restart."""
+    """State that a walker needs to resume after a restart."""
 
     walk_id: int
     command: MotionCommand | None
-    """Command under way, of a biped the rest of it; None = none is."""
+    """Command under way (of a biped its remaining part); None = none is."""
     start: BodyPose | None
-    """Pose at which the command began, map frame; None: it has not, or `command` is a rest."""
+    """Pose of the trunk at which the command began, map frame; None = not begun, or `command` is a remaining part."""
     began: float | None
-    """Simulated time at which the command began, s."""
+    """Simulated time at which the command began, s; None = not begun."""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Pose of odom in the map, m and rad."""
+    """Pose of frame odom in frame map: x, y (m), heading (rad)."""
     planned: tuple[Mapping[str, Any], ...] = ()
-    """Commands that wait for their tick, as received."""
+    """Commands that wait for the tick at which they begin, as received."""
     order: int = 0
-    """Number of the navigator's last order that was taken up, 0 = none yet."""
+    """Number of the last navigator order that the walker took up; 0 = none yet."""
 
 
 class _StoredWalk(Stored):
-    """Content of the file: the state that a walker needs to go on after a restart, checked when it is read."""
+    """Content of the memory file: the state that a walker needs to resume, checked when it is read."""
 
     walk_id: int = Field(ge=0, le=MOST_ID)
     command: MotionCommand | None
@@ -61,7 +61,7 @@ class _StoredWalk(Stored):
 
 
 class MemoryFile(RunMemory):
-    """File that keeps the command under way.
+    """File that stores the command under way.
 
     Args:
         path: None = nothing is kept.
@@ -78,11 +78,11 @@ class MemoryFile(RunMemory):
             self.write(epoch, tick, asdict(kept))
 
     def forget(self) -> None:
-        """Remove the file of an earlier run; the first state of the new run is written even if it is equal."""
+        """Remove the file of an earlier run; the first state of the new run is written even if it has not changed."""
         self._last = None
         super().forget()
 
     def recall(self, epoch: int, tick: int) -> WalkMemory | None:
-        """Return the state that was kept in `epoch` at or before `tick`, None if there is none."""
+        """Return the state stored in `epoch` at or before `tick`; None = there is none."""
         found = self.read(_StoredWalk, epoch, tick)
         return found and WalkMemory(**{field.name: getattr(found, field.name) for field in fields(WalkMemory)})

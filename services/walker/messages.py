@@ -13,7 +13,7 @@ from .orders import TakenOrder
 
 
 def walker_inputs(inputs: TickInputs, estimate: tuple[VelocityEstimate, Odometry] | None) -> WalkerInputs:
-    """Return the inputs of a gait in a tick.
+    """Return the inputs of a gait in a tick, from the messages of the tick.
 
     Args:
         inputs: messages of the tick.

@@ -1,4 +1,4 @@
-"""Record of the navigator's last order, by which none is obeyed twice, not even after a restart of the walker."""
+"""Record of the navigator's last order, so that no order is obeyed twice, not even after a walker restart."""
 
 from dataclasses import dataclass
 
@@ -10,17 +10,17 @@ class TakenOrder:
     """Number of the navigator's last order that the walker obeyed or refused, with the reason of a refusal."""
 
     number: int = 0
-    """Number of the order; 0 = none yet."""
+    """Number of the last navigator order that was taken up; 0 = none yet."""
     refused: str = ""
     """Reason why the order was refused, in words; empty = it was not."""
     known: bool = True
-    """False: of a walker that was started in mid-run without its memory. The first order that it sees may be an old
-    one, so it is not obeyed."""
+    """True if the last order number is known; False for a walker started in mid-run without its memory, which ignores
+    the first order that it receives, as it may be an old one."""
     seen: int = 0
-    """Number of the first order that such a walker saw, which counts as taken."""
+    """Number of the order ignored by a walker started in mid-run without its memory; it counts as taken."""
 
     def after(self, order: MotionOrder) -> "TakenOrder":
-        """Return the record after a message with `order`, with another `number` if the order is to be obeyed."""
+        """Return the record after a message with `order`; its `number` changes if the order is to be obeyed."""
         if not self.known:
             return TakenOrder(self.number, seen=order.number)
         if order.number in (0, self.number, self.seen):

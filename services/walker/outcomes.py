@@ -3,12 +3,12 @@
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
 
 MOST = 32
-"""Largest number of outcomes in one request; older ones are dropped."""
+"""Largest number of command outcomes in one request; older ones are dropped."""
 Choice = tuple[LegRequest, tuple[float, float]]
 
 
 class Outcomes:
-    """Chosen footholds of each leg, with the slip and the state of the sensors in the stances on them.
+    """Chosen footholds of each leg, with slip and sensor state in the stances on them.
 
     A choice is made before its leg lifts off, so the stance that ends next is that of the choice before.
     """
@@ -26,7 +26,7 @@ class Outcomes:
             self._chosen.pop(asked.leg, None)
 
     def ended(self, leg: str, slip: float, healthy: bool = True) -> None:
-        """Record the end of a stance of a leg: way that the foot slid, m, and True if its sensors were sound."""
+        """Record the end of a leg's stance: distance that the foot slid, m, and True if its sensors were sound."""
         standing = self._standing.pop(leg, None)
         if leg in self._chosen:
             self._standing[leg] = self._chosen.pop(leg)
@@ -40,6 +40,6 @@ class Outcomes:
         self._ended = [*self._ended, outcome][-MOST:]
 
     def take(self) -> tuple[StanceOutcome, ...]:
-        """Return the outcomes of the stances that ended since the last call, and forget them."""
+        """Return the outcomes of the stances that ended since the last call, and clear them."""
         found, self._ended = tuple(self._ended), []
         return found

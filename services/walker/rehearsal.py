@@ -11,7 +11,7 @@ from .interface import MotionCommand, WalkerInputs
 
 STAND_TICKS, WALK_TICKS = 120, 150
 SIZE, CELL = 41, 0.02
-"""Cells along a side of the flat map, and the edge of a cell, m."""
+"""`SIZE`: number of cells along a side of the flat rehearsal map; `CELL`: edge of a cell, m."""
 
 
 def rehearse(walker: Any, mapped: bool) -> None:

@@ -90,7 +90,7 @@ class Walker(Service[WalkerConfig]):
         return self.commander.walk(request)
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        """Keep the reason of an emergency stop: walks are refused from then on, and the driver holds the joints."""
+        """Store the reason of an emergency stop: walks are refused from then on, and the driver holds the joints."""
         if isinstance(message, EmergencyStop):
             self.commander.stopped = message.reason or "no reason given"
 
@@ -119,7 +119,7 @@ class Walker(Service[WalkerConfig]):
         )
 
     def _held(self, held: bool) -> WalkerOutputs | None:
-        """Return the last set-points again while the driver holds the joints, and the gait stands still; else None."""
+        """Return the last set-points again while the driver holds the joints and the gait pauses; else None."""
         if not held or self._out is None:
             return None
         stopped = self.commander.stopped

@@ -9,7 +9,7 @@ P = TypeVar("P")
 
 
 def settings_of(kind: type[P], robot: Robot, changes: dict[str, Any]) -> P:
-    """Return the settings of a robot's gait.
+    """Return the settings of a robot's gait, in which later sources override earlier ones.
 
     Args:
         kind: dataclass of settings. A field without a default is the robot's own and must stand in `[gait]`.

@@ -11,11 +11,11 @@ from .gate import apart2
 from .landmarks import FloorLandmarks
 
 FAR = 0.25
-"""Largest distance of a landmark from where it should stand at the other pose, m."""
+"""Largest distance, m, between a landmark and the place expected at another pose at which both count as the same."""
 AROUND = 1.0
-"""Distance within which a robot sees landmarks that looks around, m."""
+"""Viewing distance of a robot that turns around on the spot, m: landmarks within it count for the end of a walk."""
 MOST_COMPARED = 256
-"""Landmarks that are compared at most, evenly from all within reach: they bound the time of a tick."""
+"""Largest number of landmarks in reach that are compared, evenly spaced in the list: bounds the time of a tick."""
 
 
 @row_kernel
@@ -59,7 +59,7 @@ def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Ar
 
 
 def _stranger(pose: Array, other: Array, ends: Array, world: FloorLandmarks, look: float) -> Array:
-    """Return the number of landmarks around each end of a walk from one pose that another pose would not have, (k,).
+    """Return the number of landmarks around each end of a walk that one pose predicts and another does not, (k,).
 
     Args:
         pose: x, y (m), heading (rad), frame map, (3,), from which the landmarks are taken.

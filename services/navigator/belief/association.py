@@ -27,23 +27,23 @@ class Fates(NamedTuple):
     """Results of matching the m detections of a frame with landmarks, one element per detection."""
 
     landmark: Ints
-    """Index of the landmark in the map, -1 = none, (m,)."""
+    """Index in the map of the landmark of each detection, -1 = none, (m,)."""
     fate: Ints
-    """Fates, (m,): 0 matched, 1 impossible range or bearing, 2 no landmark in the gate, 3 none there looks like it, 4
-    two there do, 5 its landmark is matched by another detection, 6 no rigid motion of the others explains it, 7 beyond
-    the maximum per frame."""
+    """Fate of each detection, (m,): 0 matched, 1 impossible range or bearing, 2 no landmark in the gate, 3 none in the
+    gate is similar, 4 two in the gate are similar, 5 landmark matched by another detection, 6 outlier to the rigid
+    motion that the other matches agree on, 7 beyond the maximum per frame."""
     nis: Array
-    """Normalised innovation squared against the landmark most like the detection, 2 degrees of freedom, (m,)."""
+    """Normalised innovation squared of each detection against its most similar landmark, 2 degrees of freedom, (m,)."""
     gap: Array
-    """Squared distance of the descriptors of detection and landmark, no unit, (m,)."""
+    """Squared distance between the descriptors of each detection and its landmark, no unit, (m,)."""
 
 
 @row_kernel
 def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
-    """Sort the indices `chosen` in place by rising keys of the elements they point at, equal keys by rising ties.
+    """Sort the indices `chosen` in place by ascending keys of the elements they point at, ties by ascending `ties`.
 
     Args:
-        chosen: indices into the other two, (n,), reordered.
+        chosen: indices into `keys` and `ties`, (n,), reordered.
         keys: of all elements, (m,), any unit.
         ties: of all elements, (m,), no unit.
     """
@@ -151,7 +151,7 @@ def match(
 
 @row_kernel
 def likeness(look: Array, columns: Array, out: Array) -> None:
-    """Write the squared distances of a descriptor to those of n landmarks to `out`; each sum runs in index order.
+    """Write the squared distances between a descriptor and those of n landmarks to `out`, summed in index order.
 
     Args:
         look: descriptor, (k,), no unit.

@@ -21,11 +21,12 @@ from .matching import SightNoise
 from .ukf import NUISANCE
 
 TYPICAL = 0.75
-"""Typical distance of a landmark, m, at which a tilt is taken to act."""
+"""Typical distance of a landmark along the floor, m, for which the effect of a camera tilt on a sighting is
+computed."""
 ERRORS = 3
-"""Number of states of the errors: pitch, roll, sway."""
+"""Number of filter states for errors that all landmarks of a frame share: pitch and roll of the camera, sway."""
 NEAREST = 0.1
-"""Least distance, m; nearer landmarks count as this far."""
+"""Least distance of a landmark in the error model, m; nearer landmarks count as this far, as bearings diverge at 0."""
 
 
 @dataclass(frozen=True)
@@ -35,21 +36,21 @@ class CommonErrors:
     tilt: float = 0.0
     """Standard deviation of the unknown pitch and of the unknown roll of the camera, rad; 0 = the tilt is known."""
     pitch: float = 0.0
-    """Mean error of pitch, rad: a walking robot leans."""
+    """Mean pitch error of the camera, rad: a walking robot leans."""
     sway: float = 0.0
-    """Standard deviation of the body beside its path, m; 0 where it is measured."""
+    """Standard deviation of the body's sideways distance from its path, m; 0 = the sway is measured."""
     tilt_fade: float = 0.3
-    """Time constant of the tilt, s."""
+    """Time constant with which the camera's pitch and roll error decays, s."""
     sway_fade: float = 0.3
-    """Time constant of the sway, s."""
+    """Time constant with which the body's sideways distance from its path decays, s."""
     height: float = 0.45
-    """Height of the camera over the floor, m."""
+    """Height of the camera above the floor, m."""
     standing_tilt_fade: float | None = None
-    """Time constant of the tilt of a robot that stands, s; None = that of one that moves."""
+    """Time constant of the camera's pitch and roll error while the robot stands, s; None = that of a moving robot."""
 
     @property
     def any(self) -> bool:
-        """True if the landmarks of a frame share any error."""
+        """True if any error common to the landmarks of a frame is modelled, False if all deviations are 0."""
         return self.tilt > 0.0 or self.sway > 0.0
 
     def array(self) -> Array:
@@ -74,14 +75,14 @@ class CommonErrors:
 
 @row_kernel
 def fade(mean: Array, cov: Array, keeps: Array, sds: Array, pitch: float) -> None:
-    """Let the errors that sightings share fade: a share of each stays, noise makes up; `mean` and `cov` are changed.
+    """Predict the errors common to all sightings of a frame: a share of each stays, noise is added; changed in place.
 
     Args:
         mean: x, y (m), heading (rad), drift (rad per m), pitch, roll (rad), sway (m), (n,), n = 7.
         cov: covariance, (n, n).
         keeps: shares of pitch, roll and sway that stay, (3,), 0 to 1.
         sds: standard deviations that they tend to, (3,), rad, rad, m.
-        pitch: mean error of pitch, rad; the others are 0 in the mean.
+        pitch: mean error of pitch, rad; the means of roll and sway are 0.
     """
     n = mean.size
     for i in range(NUISANCE, n):

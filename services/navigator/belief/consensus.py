@@ -19,9 +19,10 @@ class Matched(NamedTuple):
     """Matched detections of one frame and their landmarks in the map, a match a row."""
 
     places: Array
-    """Places of the landmarks, (k, 2) m, frame map."""
+    """Positions of the matched landmarks, (k, 2) m, frame map."""
     rays: Record
-    """Distance (m), cosine and sine of the bearing, bearing (rad) of the detections, records RAY, (k,)."""
+    """Rays from base_link to the matched detections, (k,) records: distance (m), cosine, sine of the bearing, bearing
+    (rad)."""
 
 
 @row_kernel
@@ -135,7 +136,7 @@ def agreeing(inlier: Flags, pose: Array, found: Matched, noise: SightNoise, wide
 
 @row_kernel
 def refined(pose: Array, mean: Array, information: Array, inlier: Flags, found: Matched, noise: SightNoise) -> Array:
-    """Return the pose of least squares by the inliers and the belief, (3,): x and y in m, heading in rad, frame map.
+    """Return the least-squares pose by inliers and belief, (3,): x and y in m, heading in rad, frame map.
 
     Three steps of Gauss and Newton.
 

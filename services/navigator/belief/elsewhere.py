@@ -27,15 +27,15 @@ from .ukf import Pose
 _ORIGIN: Pose = (0.0, 0.0, 0.0)
 
 KEPT_S = 10.0
-"""Longest time between the first frame and the last of those that are searched together, s."""
+"""Longest time between the first and the last frame that are searched together for another pose, s."""
 LARGEST = 32_000
-"""Largest work of one search: sightings compared with a pose or pairs of candidates; about 1 ms. A search that needs
-more is no evidence."""
+"""Largest work of one search for another pose, in sightings compared with a pose or pairs of candidates: about 1 ms. A
+search that needs more counts as no evidence."""
 LEAST_FALSE = 0.005
-"""Least odds that a sighting is false, however large the map is."""
+"""Lower bound of the odds that a sighting is false, however few landmarks look like it."""
 RATE = 1e-4
-"""Rate at which a robot gets to another place unnoticed, 1/s: rarer than for a landmark alone, as a false alarm costs a
-goal and frames of a displaced robot soon have the evidence."""
+"""Rate at which a robot is moved to another place unnoticed, 1/s: low, as a false alarm costs a goal and a few frames
+of a displaced robot soon supply the evidence."""
 
 
 class OtherPlaces:
@@ -52,7 +52,7 @@ class OtherPlaces:
         self.begin()
 
     def begin(self) -> None:
-        """Forget all frames, because the pose was stated by a user or found anew."""
+        """Discard all frames, because the pose was stated by a user or found again."""
         self._log, self._first, self._last = 0.0, -math.inf, -math.inf
         self._frames: Relocaliser | None = None
         self._moved = _ORIGIN  # map, as believed now, in the map as believed at the first sight
@@ -61,7 +61,7 @@ class OtherPlaces:
 
     @property
     def probability(self) -> float:
-        """Probability that the robot is at another place; 0 where nothing favours it."""
+        """Probability that the robot is at another place than believed; 0 while no frame favours one."""
         odds = math.exp(min(50.0, self._log)) * RATE * self._apart if self._log > 0.0 else 0.0
         return odds / (1.0 + odds)
 
@@ -124,7 +124,7 @@ def _square(cov: Array, off: Array) -> tuple[Array, Array]:
 
 
 def _one_by_one(seen: Evidence, prior: Sight) -> float:
-    """Return the log evidence, nats, of the sightings at the believed pose, each widened by that pose's covariance."""
+    """Return the log evidence, nats, of the sightings one by one at the believed pose, widened by its covariance."""
     n, (c, s) = len(seen.place), (math.cos(prior.pose[2]), math.sin(prior.pose[2]))
     by_pose = np.zeros((n, 2, 3))  # of a sighting in heading axes
     by_pose[:, 0, :2], by_pose[:, 1, :2] = (c, s), (-s, c)

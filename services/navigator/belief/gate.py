@@ -23,22 +23,22 @@ MATCHED, INVALID, FAR, UNLIKE, AMBIGUOUS, DOUBLED, OUTLIER, SURPLUS = 0, 1, 2, 3
 
 
 class DetectionError(Refusal):
-    """Detections that cannot be used; `field` names what is wrong with them."""
+    """Error for detections that cannot be used; `field` names the wrong one."""
 
 
 class _Deviations(NamedTuple):
     range_sd: float = 0.0
-    """Constant part of the range noise, m."""
+    """Standard deviation of the constant part of the range noise, m."""
     range_share: float = 0.03
-    """Proportional part of the range noise, part of the range."""
+    """Standard deviation of the range noise proportional to the range, as a part of it, no unit."""
     bearing_sd: float = math.radians(1.5)
-    """Noise of the bearing, rad."""
+    """Standard deviation of the bearing noise, rad."""
     common_range_sd: float = 0.0
-    """Range error common to all detections of a frame, m, such as by an unknown tilt."""
+    """Standard deviation of the range error common to all detections of a frame, m, e.g. by an unknown tilt."""
     common_bearing_sd: float = 0.0
-    """Bearing error common to all detections of a frame, rad."""
+    """Standard deviation of the bearing error common to all detections of a frame, rad."""
     look_sd: float = 0.05
-    """Noise of each element of a descriptor, no unit."""
+    """Standard deviation of the noise of each element of a descriptor, no unit."""
 
 
 class SightNoise(_Deviations):
@@ -61,7 +61,7 @@ class SightNoise(_Deviations):
         return self
 
     def wider(self, factor: float) -> "SightNoise":
-        """Return the noise with every standard deviation of range and bearing times a factor.
+        """Return the noise with the standard deviations of range and bearing multiplied by a factor.
 
         Raises:
             DetectionError: the factor is negative, 0 or not finite.
@@ -74,22 +74,24 @@ class MatchLimits(NamedTuple):
     """Limits within which a detection of a camera is matched with a landmark of the map."""
 
     gate: float = 9.21
-    """Largest normalised innovation squared, chi^2_2(.99)."""
+    """Normalised innovation squared from which on a landmark is no match, chi^2_2(.99)."""
     look_sds: float = 2.0
-    """Descriptors (k numbers) of one landmark differ by less than this times look_sd sqrt(k); 2 sqrt(8) passes 99.99 %.
-    """
+    """Largest distance of two descriptors of one landmark, in multiples of look_sd sqrt(k) for k elements; 2 sqrt(8)
+    passes 99.99 %."""
     ratio: float = 0.8
-    """Largest distance to the nearest descriptor over that to the second nearest in the gate."""
+    """Largest distance to the nearest descriptor over that to the second nearest in the gate; above it a match is
+    ambiguous."""
     shortest: float = 0.02
-    """Least range, m; nearer detections are invalid."""
+    """Least range of a detection, m; nearer ones are invalid."""
     longest: float = 50.0
-    """Largest range, m; farther detections are invalid."""
+    """Largest range of a detection, m; farther ones are invalid."""
     spread: float = 1.3
-    """Variance of a residual at the refined motion over that of a detection, for the limit of an inlier."""
+    """Factor on the variances of a detection in the limit of an inlier: its residual at the refined motion varies
+    more."""
     pairs: int = 190
-    """Number of motions that are tried: all pairs of up to 20 matches."""
+    """Largest number of pairs of matches from which a rigid motion is tried: 190 = all pairs of 20 matches."""
     most: int = 10
-    """Largest number of matches of a frame."""
+    """Largest number of matches of a frame; further ones are dropped."""
 
     def look(self, noise: SightNoise, length: int) -> float:
         """Return the largest distance of two descriptors of one landmark, no unit; `length`: elements of each."""
@@ -100,9 +102,9 @@ class FrameTables(NamedTuple):
     """Landmarks detected in one camera frame as arrays for kernels, seen from base_link, x along the heading."""
 
     ranges: Array
-    """Distance along the floor, m, (m,)."""
+    """Distances of the m detections from base_link along the floor, m, (m,)."""
     bearings: Array
-    """Direction, rad, left positive, (m,)."""
+    """Bearings of the m detections from the heading, rad, left positive, (m,)."""
     looks: Array
     """Descriptors (numbers that describe how a landmark looks) of the detections, (m, k), no unit."""
 
@@ -111,15 +113,17 @@ class MapTables(NamedTuple):
     """Landmarks of a map as arrays for kernels, with an index: a grid of cells that lists the landmarks in each."""
 
     positions: Array
-    """Places of the landmarks, (n, 2) m, frame map."""
+    """Positions of the landmarks, (n, 2) m, frame map."""
     looks: Array
     """Descriptors (numbers that describe how a landmark looks) of the landmarks, (n, k), no unit."""
     grid: Array
-    """x and y of the lower-left corner of cell [0, 0] in m (frame map), edge of a cell in m, rows, columns, (5,)."""
+    """Grid of the index, (5,): x, y of the lower-left corner of cell [0, 0] (m, frame map), cell edge (m), rows,
+    columns."""
     starts: Ints
-    """First member of each cell, (rows * columns + 1,): cell c holds `members[starts[c]:starts[c + 1]]`."""
+    """Index in `members` of the first landmark of each grid cell, (rows * columns + 1,): cell c holds
+    `members[starts[c]:starts[c + 1]]`."""
     members: Ints
-    """Landmarks by cell and then by number, (n,)."""
+    """Indices of the landmarks sorted by grid cell, then by index, (n,)."""
 
 
 @row_kernel

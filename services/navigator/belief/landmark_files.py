@@ -21,11 +21,11 @@ MAX_ARCHIVE_BYTES = 256_000_000
 MAX_UNPACKED_BYTES = 8 * MOST_LANDMARKS * (LONGEST_DESCRIPTOR + 3) + 100_000
 KEYS = ("schema", "positions", "descriptors", "version", "source")
 SD = "sd"
-"""Key of the standard deviations of the places, which a map need not have."""
+"""Key of the array of position standard deviations in a landmark file; a file without it states exact positions."""
 
 
 def save(world: FloorLandmarks, path: str | Path) -> Path:
-    """Write a landmark map, whole or not at all; return the path, which ends in `.npz`."""
+    """Write a landmark map atomically; return the path, which ends in `.npz`."""
     target = Path(path).with_suffix(".npz")
     with whole(target) as part, part.open("wb") as file:
         np.savez_compressed(

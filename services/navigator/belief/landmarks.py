@@ -15,15 +15,15 @@ from .gate import MapTables
 MOST_LANDMARKS = 100_000
 LONGEST_DESCRIPTOR = 256
 FARTHEST = 1e5
-"""Largest coordinate of a landmark, m; beyond it float32 no longer resolves a centimetre."""
+"""Largest coordinate of a landmark, m; a larger one is refused, as float32 no longer resolves a centimetre there."""
 SMALLEST_SPREAD = 0.01
-"""Least extent of a map, m: landmarks in one point do not determine a heading."""
+"""Least extent of a landmark map, m; a smaller one is refused, as landmarks in one point determine no heading."""
 PER_BUCKET = 4.0
-"""Mean number of landmarks in a cell of the index."""
+"""Mean number of landmarks in a cell of the grid that indexes their positions."""
 
 
 class LandmarkMapError(Refusal):
-    """A landmark map that cannot be used; `field` names what is wrong with it."""
+    """Error for a landmark map that cannot be used; `field` names what is wrong with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +40,11 @@ class FloorLandmarks:
     descriptors: Array
     """Descriptors (k numbers that describe how a landmark looks) of the landmarks, (n, k), no unit."""
     version: int = 0
-    """Number that rises with every change of content."""
+    """Version number of the map; it rises with every change of content."""
     source: str = ""
     """Origin of the map, in words."""
     sd: Array = field(default_factory=lambda: np.zeros(0))
-    """Standard deviation of each place along one axis, (n,) m; empty = the places are exact."""
+    """Standard deviation of each landmark's position along one axis, (n,) m; empty = the positions are exact."""
 
     def __post_init__(self) -> None:
         positions = np.array(self.positions, dtype=np.float64, order="C", copy=True)
@@ -91,7 +91,7 @@ class FloorLandmarks:
 
     @cached_property
     def sha256(self) -> str:
-        """Digest of positions and descriptors, not of version and source."""
+        """SHA-256 digest of positions and descriptors; version and source do not count."""
         return hashlib.sha256(f"{self.descriptors.shape} ".encode() + self.to_bytes()).hexdigest()
 
     def to_bytes(self) -> bytes:

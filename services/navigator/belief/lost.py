@@ -27,7 +27,8 @@ from .landmarks import FloorLandmarks
 from .matching import Detections, Matches, SightNoise, gate_areas, look_alikes
 
 Shares = tuple[float, float, float]
-"""Shares of detections here, elsewhere, strange; they add up to 1."""
+"""Shares of three classes of detections or echoes; they add up to 1. Detections: here (like a landmark in the gate),
+elsewhere (only like landmarks outside the gate), strange (like no landmark)."""
 
 
 @dataclass(frozen=True)
@@ -35,18 +36,18 @@ class FrameEvidence:
     """Detections of one frame counted by what they show of the believed pose."""
 
     here: int = 0
-    """Detections that a landmark in the gate (near enough by the believed pose) looks like."""
+    """Number of detections that resemble a landmark in the gate, i.e. near enough by the believed pose."""
     elsewhere: int = 0
-    """Detections that only landmarks out of the gate look like."""
+    """Number of detections that only resemble landmarks outside the gate of the believed pose."""
     strange: int = 0
-    """Detections that no landmark looks like."""
+    """Number of detections that resemble no landmark of the map."""
     nis: tuple[float, ...] = ()
-    """Normalised innovation squared of the matched ones, 2 degrees of freedom."""
+    """Normalised innovation squared of each matched detection, 2 degrees of freedom."""
     expected: float = 0.0
-    """Expected number of recognised landmarks if the pose is right; 0 = not known."""
+    """Expected number of recognised landmarks if the pose is right; 0 = unknown."""
     chances: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
-    """Probability that chance fills the gate of a displaced robot, of the detections here and of those elsewhere; none
-    = the model's share for all."""
+    """Probabilities that chance puts a similar landmark into a displaced robot's gate: of detections in the gate, of
+    those outside; empty = the model's share for all."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,11 @@ class Footprint:
     """Part of the floor that a camera sees: a sector about the heading of base_link."""
 
     nearest: float = 0.35
-    """Least distance from base_link, m."""
+    """Least distance of visible floor from base_link, m."""
     farthest: float = 1.18
-    """Largest distance from base_link, m."""
+    """Largest distance of visible floor from base_link, m."""
     half_angle: float = math.radians(33.0)
-    """Angle to either side, rad."""
+    """Half the opening angle of the visible sector of floor, to either side of the heading, rad."""
 
 
 @dataclass(frozen=True)
@@ -72,57 +73,61 @@ class LostModel:
     """
 
     right: Shares = (0.72, 0.20, 0.08)
-    """Shares if the pose is right, before any was seen, with twice the expected false detections: a map grows old."""
+    """Prior shares of detections (in the gate, only outside, unlike any landmark) if the pose is right. They allow for
+    twice the expected false detections: a map grows old."""
     weight: float = 40.0
-    """Number of detections that the shares of a right pose count as, beside those seen."""
+    """Number of detections that the prior shares of a right pose count as, beside those observed."""
     remembered: float = 400.0
-    """Number of detections seen that count."""
+    """Largest number of observed detections that count in the shares of a right pose; older ones count less."""
     fewest: tuple[float, float] = (0.06, 0.02)
-    """Least shares of elsewhere and strange, however few were seen."""
+    """Lower bounds of a right pose's shares of detections like landmarks outside the gate only, and like none."""
     sure: float = 0.03
-    """Probability of being lost beyond which detections do not count for the shares of a right pose."""
+    """Probability of being lost above which detections do not update the shares of a right pose."""
     displaced: Shares = (0.10, 0.80, 0.10)
-    """Shares if the robot is elsewhere on the map: a wrong landmark in the gate looks right now and then."""
+    """Shares of detections (in the gate, only outside, unlike any landmark) if the robot is elsewhere on the map: a
+    wrong landmark in the gate looks right now and then."""
     misfit: Shares = (0.62, 0.33, 0.05)
-    """Shares if the map does not fit: matches with large innovations, and some out of the gate."""
+    """Shares of detections (in the gate, only outside, unlike any landmark) if the map does not fit: matches with large
+    innovations, and some outside the gate."""
     off_map: Shares = (0.03, 0.12, 0.85)
-    """Shares if the robot is off the map: floors look alike somewhere."""
+    """Shares of detections (in the gate, only outside, unlike any landmark) if the robot is off the map: floors look
+    alike somewhere."""
     displacement_rate: float = 1e-3
-    """Rate at which a right pose becomes wrong, 1/s."""
+    """Rate at which a robot with a right pose is displaced to elsewhere on the map, 1/s."""
     misfit_rate: float = 1e-3
-    """Rate at which a map, or the size of the belief, stops fitting, 1/s."""
+    """Rate at which the map, or the covariance of the belief, stops fitting, 1/s."""
     leaving_rate: float = 3e-5
     """Rate at which the robot leaves the map, 1/s."""
     blinding_rate: float = 1e-3
-    """Rate at which the robot stops seeing anything, 1/s."""
+    """Rate at which the camera stops seeing anything, 1/s."""
     trust: float = 0.5
-    """Part of the expected number of recognised landmarks that counts."""
+    """Factor t in P(no landmark recognised | right pose) = exp(-t E) for E expected landmarks, no unit."""
     recovery_rate: float = 1e-3
     """Rate at which a wrong pose becomes right by itself, 1/s."""
     gate: float = 9.21
-    """Largest normalised innovation squared of a match."""
+    """Largest normalised innovation squared of a match, 2 degrees of freedom: chi^2_2(.99)."""
     scale: float = 1.2
-    """Mean of half the normalised innovation squared of a right pose."""
+    """Mean of half the normalised innovation squared of matches if the pose is right, no unit."""
     misfit_scale: float = 4.0
-    """Mean of half the normalised innovation squared where the map does not fit."""
+    """Mean of half the normalised innovation squared of matches if the map does not fit, no unit."""
     most: float = 4.0
-    """Largest logarithm of the likelihood ratio of one frame 0.1 s after the last, nats."""
+    """Bound on the log likelihood ratio of a frame 0.1 s after the last one, nats: frames so close share errors."""
     most_apart: float = 8.0
-    """Largest logarithm of the likelihood ratio of one frame 1 s or more after the last, nats."""
+    """Bound on the log likelihood ratio of a frame 1 s or more after the last one, nats."""
     whole: float = 0.82
-    """Share of here of a displaced robot where chance always fills the gate."""
+    """Share of detections in the gate for a displaced robot if chance always puts a similar landmark there, 0 to 1."""
     echoes: Shares = (0.90, 0.08, 0.02)
-    """Shares of echoes of a right pose: as by the map, nearer (something unknown), farther."""
+    """Shares of ranger echoes if the pose is right: as by the map, nearer (an unknown obstacle), farther."""
     echoes_displaced: Shares = (0.40, 0.30, 0.30)
-    """Shares of echoes of a displaced robot: as by the map, nearer, farther."""
+    """Shares of ranger echoes if the robot is displaced: as by the map, nearer, farther."""
     echo_most: float = 3.0
-    """Largest logarithm of the likelihood ratio of all echoes, nats: alone they do not decide."""
+    """Bound on the log likelihood ratio of all ranger echoes together, nats: alone they never decide."""
     echo_s: float = 1.0
-    """Least time between two echoes that count, s."""
+    """Least time between two ranger echoes that count, s; echoes between them are ignored."""
     threshold: float = 0.9
-    """Probability from which the pose counts as lost."""
+    """Probability of a wrong pose from which on the robot counts as lost."""
     memory_s: float = 3.0
-    """Time constant of the counts in the reason, s."""
+    """Time constant of the detection counts from which the reason of a wrong pose is worded, s."""
 
 
 @dataclass(frozen=True)
@@ -130,26 +135,26 @@ class LostState:
     """State of the check whether the believed pose is wrong: probabilities of its hypotheses, counts of detections."""
 
     right: float = 1.0
-    """Probability that the robot is at its believed place."""
+    """Probability that the robot is where it is believed to be."""
     displaced: float = 0.0
-    """Probability that it is elsewhere on the map."""
+    """Probability that the robot is elsewhere on the map than believed."""
     off_map: float = 0.0
-    """Probability that it is off the map."""
+    """Probability that the robot is off the map."""
     blind: float = 0.0
-    """Probability that nothing is seen where landmarks should be: a dark camera, or a wrong pose."""
+    """Probability that the camera sees nothing where landmarks should be: dark, a wall, a hole."""
     misfit: float = 0.0
-    """Probability that the map does not fit the floor, or the belief is surer than its errors."""
+    """Probability that the map does not fit the floor, or that the covariance is smaller than the pose's errors."""
     recent: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0))
-    """Detections here, elsewhere, strange, older ones counted less."""
+    """Recent detections in the gate, only like landmarks outside it, unlike any; older ones count less."""
     missed: float = 0.0
-    """Landmarks that were expected of late and not recognised."""
+    """Number of landmarks that were expected recently and not recognised; older ones count less."""
     apart: float = 0.0
-    """Time since the last frame, s."""
+    """Time since the last frame of detections, s."""
     usual: Shares = (0.0, 0.0, 0.0)
-    """Detections here, elsewhere, strange of a right pose, counted; older ones less."""
+    """Detections of a right pose in the gate, only like landmarks outside it, unlike any; older ones count less."""
     echo: tuple[float, float] = (0.0, math.inf)
-    """Log likelihood ratio of "displaced" over "right" by the echoes so far, nats, bounded; time since the last one, s.
-    """
+    """Log likelihood ratio of "displaced" over "right" by the ranger echoes so far, nats, bounded; time since the last
+    counted echo, s."""
 
     @property
     def probability(self) -> float:
@@ -162,7 +167,7 @@ class LostState:
 
     @property
     def words(self) -> str:
-        """Text on the likeliest of the hypotheses that the belief is wrong, whatever its probability."""
+        """Text on the most probable hypothesis under which the believed pose is wrong, whatever its probability."""
         here, elsewhere, strange = (round(value) for value in self.recent)
         total = here + elsewhere + strange
         texts = {
@@ -286,7 +291,7 @@ def observed(state: LostState, frame: FrameEvidence, model: LostModel) -> LostSt
 
 
 def shares_of(state: LostState, model: LostModel) -> Shares:
-    """Return the shares of detections here, elsewhere and strange that a right pose leads to.
+    """Return the expected shares of detections here, elsewhere and strange if the believed pose is right.
 
     Here: a landmark in the gate looks like the detection; elsewhere: only landmarks out of it do; strange: none does.
     The last two are the model's shares, or less where detections of a right pose have shown less.
@@ -341,7 +346,7 @@ def normalised(state: LostState) -> LostState:
 
 
 def _displaced_log(frame: FrameEvidence, model: LostModel) -> float:
-    """Return the log likelihood, nats, of what the detections of a frame show, for a displaced robot."""
+    """Return the log likelihood, nats, of the detections of a frame for a displaced robot."""
     if not frame.chances[0] and not frame.chances[1]:
         return _log_likelihood(model.displaced, frame)
     least, _, strange = model.displaced

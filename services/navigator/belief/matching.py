@@ -18,9 +18,9 @@ from .landmarks import FloorLandmarks
 
 MOST_DETECTIONS = 256
 FATES = ("matched", "invalid", "far", "unlike", "ambiguous", "doubled", "outlier", "surplus")
-"""Fates of a detection, in the order of the numbers in `gate`: matched; impossible range or bearing; no landmark in the
-gate; none there looks like it; two there look like it; its landmark is matched by another detection; no rigid motion of
-the others explains it; beyond the maximum per frame."""
+"""Names of a detection's fates by number: matched; invalid range or bearing; far: no landmark in the gate; unlike: none
+there is similar; ambiguous: two are; doubled: landmark matched by another detection; outlier to the common rigid
+motion; surplus: beyond the maximum per frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +32,9 @@ class Detections:
     """
 
     ranges: Array
-    """Distances along the floor, m, (m,)."""
+    """Distances of the m detections from base_link along the floor, m, (m,)."""
     bearings: Array
-    """Directions, rad, left positive, (m,)."""
+    """Bearings of the m detections from the heading, rad, left positive, (m,)."""
     looks: Array
     """Descriptors (numbers that describe how a landmark looks) of the detections, (m, k), no unit."""
 
@@ -65,15 +65,15 @@ class Matches:
     """Result of matching the detections of one frame with the landmarks of a map."""
 
     detections: Ints
-    """Indices of the matched detections, those first that look most like their landmark, (k,)."""
+    """Indices in the frame of the matched detections, most similar to their landmark first, (k,)."""
     landmarks: Ints
     """Index in the map of the landmark of each matched detection, (k,)."""
     nis: Array
-    """Normalised innovation squared of each match by the gate's covariance, 2 degrees of freedom, (k,)."""
+    """Normalised innovation squared of each match under the believed pose, 2 degrees of freedom, (k,)."""
     fates: Ints
     """Fate of every detection, index of `FATES`, (m,)."""
     counts: dict[str, int] = field(default_factory=dict[str, int])
-    """Number of detections by fate."""
+    """Number of detections of the frame by name of their fate."""
 
 
 def match(
@@ -110,7 +110,7 @@ def match(
 
 
 def check_length(seen: Detections, world: FloorLandmarks) -> None:
-    """Refuse descriptors of another length than the map's (raises DetectionError); no detections have none."""
+    """Raise DetectionError for descriptors of another length than the map's; an empty set passes."""
     if len(seen) and seen.looks.shape[1] != world.descriptor_length:
         text = f"the map's descriptors have {world.descriptor_length} numbers, got {seen.looks.shape[1]}"
         raise DetectionError("bad_descriptor", text, "descriptor")
@@ -135,7 +135,7 @@ def look_alikes(matches: Matches, seen: Detections, world: FloorLandmarks, noise
 
 
 def gate_areas(cov: Array, seen: Detections, noise: SightNoise) -> Array:
-    """Return the area of the floor that the gate of each detection covers, about, (m,) m^2.
+    """Return the approximate area of floor that the gate of each detection covers, (m,) m^2.
 
     Args:
         cov: covariance of believed x, y (m) and heading (rad), (3, 3) or larger.

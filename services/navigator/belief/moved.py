@@ -20,39 +20,41 @@ from .landmarks import FloorLandmarks
 from .matching import FATES, Detections, Matches, MatchLimits, SightNoise
 
 AFTER_S = 1.0
-"""Least time between the first sight of a landmark at another place and the one that shows that it has moved, s."""
+"""Least time between the first and the confirming sighting of a landmark at another place, s; then it counts as
+moved."""
 HERE = 2
-"""Least matches of a frame in which a robot is sure of its pose; they outnumber the landmarks elsewhere, too."""
+"""Least number of matches of a frame at which landmarks seen elsewhere count as moved, given a certain pose; they must
+also outnumber these landmarks."""
 NEAR_SDS = 3.0
-"""Standard deviations of the way between two sights within which they show one place."""
+"""Distance between two sightings of a landmark, in standard deviations, within which they show one place."""
 
 
 class Sight(NamedTuple):
     """Believed pose, its covariance, noise of the camera and time at one frame of detections."""
 
     pose: tuple[float, float, float]
-    """Believed x, y, m, and heading, rad, frame map."""
+    """Believed x, y (m) and heading (rad) of base_link, frame map."""
     cov: Array
-    """Covariance of the pose, (3, 3) or larger."""
+    """Covariance of the believed x, y (m) and heading (rad), (3, 3) or larger."""
     noise: SightNoise
-    """Noise of the camera."""
+    """Range, bearing and descriptor noise of the camera."""
     time: float
-    """Time of the frame, s."""
+    """Time of the camera frame, s."""
 
 
 class SeenElsewhere(NamedTuple):
-    """Detection of a landmark of the map at another place than its own."""
+    """Detection of a landmark away from its place in the map."""
 
     detection: int
     """Index of the detection in its frame."""
     landmark: int
     """Index of the landmark in the map."""
     x: float
-    """x of the place where the landmark is seen, m, frame map."""
+    """x of the place at which the landmark was detected, m, frame map."""
     y: float
-    """y of the place where the landmark is seen, m, frame map."""
+    """y of the place at which the landmark was detected, m, frame map."""
     slack: float
-    """Largest distance of two sights of one landmark that show one place, m."""
+    """Largest distance between two sightings of one landmark that show the same place, m."""
 
 
 class MovedLandmarks:
@@ -87,7 +89,7 @@ class MovedLandmarks:
         return replace(matches, fates=fates, counts=dict(zip(FATES, counts, strict=True)))
 
     def _place(self, seen: Detections, d: int, sight: Sight) -> SeenElsewhere | None:
-        """Return where detection d shows the landmark that it looks like; None = it looks like none."""
+        """Return the place at which detection d shows a known landmark; None = it resembles no landmark."""
         noise, (x, y, heading) = sight.noise, sight.pose
         association.likeness(seen.looks[d], self.world.columns, self._gaps)
         landmark = int(self._gaps.argmin())

@@ -40,19 +40,19 @@ class Evidence(NamedTuple):
     """Sightings (averaged detections) of a lost robot and the landmarks of the map that may explain them."""
 
     place: Array
-    """Places of the sightings in the reference frame of the robot, (s, 2) m."""
+    """Positions of the s sightings in the robot's reference frame, x forward, y left, (s, 2) m."""
     spread: Array
-    """Their covariances (xx, xy, yy), (s, 3) m^2."""
+    """Covariances (xx, xy, yy) of the sightings' positions, (s, 3) m^2."""
     false: Array
-    """Share of false ones among such sightings, (s,)."""
+    """Prior probability of each sighting that it is false, (s,)."""
     starts: Ints
-    """Where the candidates of each sighting begin in `members`, and the length of `members`, (s + 1,)."""
+    """Index in `members` of the first candidate of each sighting, and the length of `members` last, (s + 1,)."""
     members: Ints
-    """Indices of landmarks that a sighting may be (its candidates), sighting by sighting, (starts[s],)."""
+    """Indices of the landmarks that a sighting may be (its candidates), sighting by sighting, (starts[s],)."""
     positions: Array
-    """Landmarks, (n, 2) m, frame map."""
+    """Positions of the landmarks, (n, 2) m, frame map."""
     overlooked: float
-    """Area that the camera overlooks, m^2."""
+    """Area of floor that the camera sees at once, m^2."""
     area: float
     """Area of the map, m^2."""
 
@@ -61,21 +61,21 @@ class Assignment(NamedTuple):
     """Landmarks that explain the sightings at one pose."""
 
     chosen: Ints
-    """Landmark of each sighting, -1 = none, (s,)."""
+    """Index of the landmark that explains each sighting, -1 = none, (s,)."""
     far: Array
-    """Squared residual of each sighting over its variances, 13.8 where none explains it, (s,)."""
+    """Squared normalised residual of each sighting, 2 degrees of freedom, (s,); 13.8 where no landmark explains it."""
 
 
 class PlaceList(NamedTuple):
     """The best places found so far in the search for a lost robot's pose."""
 
     places: Array
-    """A place a row, (p, 14): pose, log evidence, explained sightings, covariance.
+    """Candidate poses, one a row, (p, 14): pose, log evidence, number of explained sightings, covariance.
 
     Pose: x, y (m), heading (rad) of the robot's reference frame in the map; evidence in nats; covariance of x, y,
     heading row by row (9)."""
     chosen: Ints
-    """Landmark of each sighting at each place, -1 = none, (p, s)."""
+    """Index of the landmark that explains each sighting at each candidate pose, -1 = none, (p, s)."""
 
 
 @row_kernel
@@ -117,7 +117,7 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
 
 @row_kernel
 def improve(pose: Array, seen: Evidence, chosen: Ints) -> tuple[Array, float]:
-    """Take one step of least squares of a pose over the explained sightings; `pose` is changed in place.
+    """Do one least-squares step of a pose over the explained sightings; `pose` is changed in place.
 
     Args:
         pose: x, y (m), heading (rad) of the robot's reference frame in the map, (3,).
@@ -176,7 +176,7 @@ def evidence(seen: Evidence, to: Assignment) -> float:
 
 @row_kernel
 def agree(one: Array, other: Array) -> bool:
-    """Return True if two places are one within their covariances: no coordinate is 4 standard deviations off.
+    """Return True if two candidate poses are one: each coordinate differs by at most 4 standard deviations.
 
     one, other: (14,): x, y (m), heading (rad), log evidence, explained sightings, covariance (9, row by row).
     """
@@ -189,7 +189,7 @@ def agree(one: Array, other: Array) -> bool:
 
 @row_kernel
 def keep(found: PlaceList, filled: int, row: Array, chosen: Ints) -> int:
-    """Enter a place into the list of the best; return how many are filled.
+    """Enter a candidate pose into the list of the best; return the number of rows in use.
 
     A place that explains more than half of its sightings by the landmarks of another, and agrees with it within the
     covariances, is the same place: the one with more evidence stays. A full list loses the place with the least
@@ -264,7 +264,7 @@ def _found_already(found: PlaceList, filled: int, pose: Array, i: int, j: int, p
 
 @row_kernel
 def _settle(seen: Evidence, pose: Array, loose: float, to: Assignment, row: Array) -> bool:
-    """Refine a pose by all sightings and write its place; return True if at least two sightings determine one.
+    """Refine a pose by all sightings and write it to `row`; return True if at least two sightings determine it.
 
     Args:
         seen: sightings and their candidates.
@@ -350,7 +350,7 @@ def _advance(cursor: Ints, few: Ints, starts: Ints) -> None:
 
 @row_kernel
 def search(seen: Evidence, found: PlaceList, cursor: Ints, tries: int, work: int) -> bool:
-    """Continue the search for the places of a map that explain the sightings, by a bounded amount of work.
+    """Continue the search for poses that explain the sightings of a lost robot, by a bounded amount of work.
 
     Args:
         seen: sightings and their candidates.

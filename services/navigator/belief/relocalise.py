@@ -32,40 +32,42 @@ from .sightings import SightingMemory, candidates
 from .ukf import Pose, wrap
 
 ALIKE, LIKELY, MOST_ALIKE = 1e-3, 0.95, 4
-"""Least evidence of a place over that of the best, probability of all these places from which on they stand out, and
-their largest number."""
+"""`ALIKE`: part of the best pose's evidence that another pose has to exceed to be a candidate; `LIKELY`: least
+probability of all candidates together, and `MOST_ALIKE`: largest number of them, for which they are reported."""
 Reason = Literal["", "unseen", "unknown", "ambiguous", "unsure"]
-"""Reason for no pose. unseen: fewer than two sightings look like landmarks of the map; unknown: no place explains them,
-or chance explains them as well; ambiguous: another place explains them as well, or not all poses were tried; unsure:
-too few of them, or too loose a heading."""
+"""Reason why a search returns no pose. unseen: fewer than two sightings resemble landmarks; unknown: no pose explains
+them better than chance; ambiguous: another pose explains them as well, or not all were tried; unsure: too few
+sightings, or too uncertain a heading."""
 
 
 @dataclass(frozen=True)
 class RelocaliseLimits:
-    """Conditions under which the search for a lost robot's pose returns one."""
+    """Conditions under which the search for a lost robot's pose returns a pose."""
 
     sure: float = 0.999
-    """Least probability of the best place."""
+    """Least probability of the best pose at which it is returned."""
     heading_sd: float = 0.15
-    """Largest standard deviation of the best place's heading, rad: one false sighting bends a looser one."""
+    """Largest standard deviation of the best pose's heading, rad; above it no pose is returned, as one false sighting
+    bends it."""
     least: int = 3
-    """Least number of sightings that the best place has to explain."""
+    """Least number of sightings that the best pose has to explain to be returned."""
     false: float = 0.1
-    """Share of false detections."""
+    """Prior probability that a detection is false."""
     elsewhere: float = 0.05
-    """Probability, before anything was seen, that the robot is not on the map at all."""
+    """Prior probability that the robot is not on the map at all."""
     view: float = 0.8
-    """Area that the camera overlooks, m^2."""
+    """Area of floor that the camera sees at once, m^2."""
     ratio: float = 0.7
-    """Distance of the descriptors to the most alike landmark over that to another candidate."""
+    """Descriptor distance to the most similar landmark over that to another one up to which the latter is no
+    candidate."""
     candidates: int = 24
-    """Largest number of landmarks that a sighting may be; one that looks like more is left out."""
+    """Largest number of landmarks that a sighting may be; a sighting that resembles more is left out."""
     sightings: int = 64
-    """Largest number of sightings; those seen most often are used."""
+    """Largest number of sightings that a search uses; those detected most often are taken."""
     tries: int = 20_000
     """Largest number of poses that are tried; a search that reaches it returns no pose."""
     places: int = 16
-    """Largest number of places that are compared."""
+    """Largest number of candidate poses that are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,19 +75,21 @@ class Relocation:
     """Result of a search for the pose of a lost robot."""
 
     pose: Pose | None
-    """Pose of the reference frame, x, y in m and heading in rad, frame map; None = none is sure."""
+    """Found pose of the reference frame, x, y (m) and heading (rad), frame map; None = no pose is certain enough."""
     covariance: Array
-    """Covariance of x, y (m) and heading (rad) of the best place, (3, 3); zeros if there is none."""
+    """Covariance of x, y (m) and heading (rad) of the best candidate pose, (3, 3); zeros if there is none."""
     probability: float
-    """Probability of the best place."""
+    """Probability of the best candidate pose."""
     reason: Reason
     """Reason why there is no pose; empty = there is one."""
     sightings: int
-    """Number of different sightings that look like landmarks."""
+    """Number of different sightings that resemble landmarks of the map."""
     reference: Pose = (0.0, 0.0, 0.0)
-    """Pose that was searched for, x, y (m), heading (rad), in the frame of the poses that came with the frames."""
+    """Pose of the robot that was searched for, x, y (m), heading (rad), in the frame of the poses given with the camera
+    frames."""
     alike: tuple[Pose, ...] = ()
-    """Places, x, y (m), heading (rad), frame map, that the sightings fit about alike; empty = none stands out."""
+    """Candidate poses x, y (m), heading (rad), frame map, that explain the sightings about equally well; empty = none
+    stands out."""
 
 
 def between(pose: Pose, odom: Pose) -> Pose:
@@ -195,20 +199,20 @@ class PlaceSearch:
     """Search for the pose of a lost robot that is under way, a part of it in each tick."""
 
     here: Pose
-    """Pose that is searched for, x, y in m and heading in rad, in the frame in which the poses of the frames are given.
-    """
+    """Pose of the robot that is searched for, x, y (m), heading (rad), in the frame of the poses given with the camera
+    frames."""
     evidence: Evidence
-    """Sightings and their candidates."""
+    """Sightings of the search, and the landmarks that each may be (its candidates)."""
     places: PlaceList | None
-    """The best places so far; None = fewer than two sightings look like landmarks."""
+    """Best candidate poses found so far; None = fewer than two sightings resemble landmarks of the map."""
     cursor: NDArray[np.int64]
-    """Where the search is: pair of sightings (2), their candidates (2), poses tried, places found, (6,)."""
+    """Position of the search, (6,): pair of sightings (2), their candidates (2), poses tried, poses found."""
     known: int
-    """Number of different sightings that look like landmarks."""
+    """Number of different sightings that resemble landmarks of the map."""
 
 
 def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: RelocaliseLimits) -> Relocation:
-    """Return the result of a search: the best place if it has nearly all of the evidence, else the reason for none.
+    """Return the result of a search: the best pose if it holds nearly all evidence, else the reason for none.
 
     Args:
         places: found by the search, (p, 14): x, y (m), heading (rad), log evidence, explained sightings, covariance

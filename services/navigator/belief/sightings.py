@@ -1,4 +1,4 @@
-"""Sightings of a robot that stands or turns on the spot: what several frames show alike, in a memory of bounded size.
+"""Sightings of a robot that stands or turns on the spot: detections averaged over frames, in a memory of bounded size.
 
 Detections that look alike and lie alike are one sighting, a running mean over at most `LONGEST` detections. A sighting
 that was not seen for `FORGET_S` is dropped, and a full memory replaces the one seen least.
@@ -17,28 +17,28 @@ from .gate import apart2, variances
 from .matching import Detections, MatchLimits, SightNoise
 
 MOST = 256
-"""Largest number of sightings that are kept."""
+"""Largest number of distinct sightings of landmarks that are kept."""
 LONGEST = 30
-"""Detections over which a sighting is averaged; more count as this many, so that the last ones weigh."""
+"""Number of detections over which a sighting is averaged; more count as this many, so that recent ones keep weight."""
 FORGET_S = 90.0
-"""Time after which a sighting that was not seen again is dropped, s: longer than a search once around."""
+"""Time after which a sighting that was not detected again is dropped, s: longer than a turn once around takes."""
 WIDE = 13.8
-"""chi^2_2(.999): a candidate farther from its sighting does not explain it."""
+"""Squared normalised residual, chi^2_2(.999), above which a landmark does not explain a sighting."""
 
 
 class SightingTables(NamedTuple):
     """Memory of the landmarks that a lost robot has sighted, each averaged over frames, in one frame of reference."""
 
     place: Array
-    """Mean places, (n, 2) m."""
+    """Mean positions of the n sightings in the robot's reference frame, (n, 2) m."""
     spread: Array
-    """Mean covariances of one detection (xx, xy, yy), (n, 3) m^2."""
+    """Mean covariances (xx, xy, yy) of one detection of each sighting, (n, 3) m^2."""
     mean: Array
-    """Mean descriptors (k numbers that describe how a landmark looks), (n, k)."""
+    """Mean descriptors (k numbers that describe how a landmark looks) of the sightings, (n, k), no unit."""
     times: Ints
-    """Number of detections of each sighting, at most 30; 0 = an empty row, (n,)."""
+    """Number of detections of each sighting, at most 30; 0 = an unused row, (n,)."""
     at: Array
-    """Times of the last detection, s, (n,)."""
+    """Time of the last detection of each sighting, s, (n,)."""
 
 
 @row_kernel
@@ -176,7 +176,7 @@ class SightingMemory:
     def add(
         self, seen: Detections, pose: tuple[float, float, float], time: float, noise: SightNoise | None = None
     ) -> None:
-        """Enter a frame; detections that are not finite or out of range are left out.
+        """Enter the detections of a frame; those that are not finite or out of range are left out.
 
         Args:
             seen: its detections.

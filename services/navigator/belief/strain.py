@@ -1,4 +1,4 @@
-"""Strain of the map, turn of the camera, displacement of the robot, by how landmarks of a frame lie to each other.
+"""Strain of the map, turn of the camera, displacement of the robot, estimated from the landmarks of each frame.
 
 Five cases are weighed,
 
@@ -18,7 +18,7 @@ both in heading axes, and g the gains of `common_errors`,
 
     d - z = R^T (E R d + (x, y)) + theta J d - (g_r, r g_a) (p + p', q + q', w) - (0, r s) + noise
 
-along the ray and across it. A way v that the robot believes to have gone adds theta J v to (x, y): that separates
+along the ray and across it. A believed displacement v of the robot adds theta J v to (x, y): that separates
 theta from s. The probability of a case grows by the likelihood of what is seen; a share of wrong matches is part of it.
 What was learned fades, so that an error heals.
 """
@@ -41,13 +41,14 @@ from .ukf import Pose
 Turn = tuple[float, float, float]
 
 STRAIN, TURN, COMMON, POSE, STATES = 0, 3, 6, 9, 12
-"""First states of the strain, the turn, the errors that fade, the pose; number of states."""
+"""Index in the state u of the first element of map strain, of camera turn, of the fading errors and of the pose;
+`STATES`: length of u."""
 RIGHT, STRAINED, TILTED, ASIDE, DISPLACED = 0, 1, 2, 3, 4
 NOTABLE = 2.0
-"""Least turn that is corrected, in standard deviations of a camera that looks where it should: a precise camera shows
-less than that with certainty."""
+"""Least camera turn that is corrected, in standard deviations of an aligned camera; a smaller one is left."""
 LEAST, MOST = 2, 20
-"""Least matches of a frame that is looked at, and most that count."""
+"""`LEAST`: number of matches below which a frame is ignored; `MOST`: largest number of matches of a frame that are
+used."""
 
 
 @dataclass(frozen=True)
@@ -58,31 +59,32 @@ class StrainModel:
     """
 
     small: tuple[float, float, float] = (0.01, math.radians(0.25), math.radians(0.5))
-    """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are right."""
+    """Standard deviations if map and camera are right: of the elements of E (no unit), of p and q (rad), of s (rad)."""
     large: tuple[float, float, float] = (0.10, math.radians(4.0), math.radians(5.0))
-    """Standard deviations of the parts of E, of p and q, rad, and of s, rad, where they are wrong."""
+    """Standard deviations if map or camera is wrong: of the elements of E (no unit), of p and q (rad), of s (rad)."""
     prior: float = 0.02
-    """Probability of each wrong case before anything was seen."""
+    """Prior probability of each case in which map, camera or pose is wrong."""
     wrong: float = 0.05
-    """Share of the matches of landmarks that are wrong."""
+    """Share of the matches of detections with landmarks that are false."""
     width: float = 0.6
-    """Width of the strip in which wrong matches lie, m."""
+    """Width of the strip in which the residuals of false matches are uniformly distributed, m."""
     wider: tuple[float, float] = (0.10, 0.05)
-    """Deviations added to the noise of matching, so that landmarks of a strained map match: part of the range, rad."""
+    """Standard deviations added to the matching noise, so that landmarks of a strained map match: of the range, as a
+    part of it, and of the bearing, rad."""
     displaced: tuple[float, float] = (0.4, math.radians(25.0))
     """Standard deviations of x and y, m, and of the heading, rad, of a robot that was put down elsewhere."""
     displacement_rate: float = 1e-3
     """Rate at which a robot is put down elsewhere, 1/s."""
     displaced_fade_s: float = 20.0
-    """Time constant with which the evidence for a displaced robot fades to what its rate gives, s."""
+    """Time constant with which the log odds of a displaced robot decay to their long-run value, s."""
     fade_s: float = 60.0
-    """Time constant with which what was learned fades, s."""
+    """Time constant with which learned strain and camera turn fade, s."""
     known_sd: float = math.radians(2.0)
-    """Largest standard deviation of a turn that is corrected, rad."""
+    """Standard deviation of a camera turn, rad, above which it is not corrected."""
     sure: float = 0.9
-    """Probability from which a map counts as strained."""
+    """Probability from which on a map counts as strained or a robot as displaced."""
     turn_sure: float = 0.99
-    """Probability from which a turn is corrected: a wrong correction would hide a strained map."""
+    """Probability from which on a camera turn is corrected: a false correction would hide a strained map."""
 
 
 class Case(NamedTuple):
@@ -93,20 +95,20 @@ class Case(NamedTuple):
     """
 
     mean: Array
-    """Mean of u, (12,)."""
+    """Mean of the 12 states u (strain, turn, fading errors, pose), (12,)."""
     cov: Array
-    """Covariance of u, (12, 12)."""
+    """Covariance of the 12 states u (strain, turn, fading errors, pose), (12, 12)."""
 
 
 class FrameLines(NamedTuple):
     """Linear equations off = rows u + noise by which the matches of one frame show strain, turn, displacement (u)."""
 
     rows: Array
-    """Effect of the 12 states u on each equation, (n, 12)."""
+    """Coefficients of the 12 states u in each equation, (n, 12)."""
     off: Array
-    """Landmark in the map less where it is seen, m, along the ray (even rows) or across it (odd), (n,)."""
+    """Mapped landmark minus its detected position, (n,) m, along the ray (even rows) or across it (odd rows)."""
     variance: Array
-    """Variance of their noise, (n,) m^2."""
+    """Noise variance of each equation, (n,) m^2."""
 
 
 @row_kernel
@@ -153,7 +155,7 @@ def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height:
 
 @row_kernel
 def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> None:
-    """Let the states `mean` and their covariance `cov` fade, in place, towards their long-run values.
+    """Let the states `mean` and their covariance `cov` decay, in place, towards their long-run values.
 
     Args:
         mean: strain (3, no unit), turn of the camera (3, rad), errors that fade (rad, rad, m), pose (m, m, rad), (12,).
@@ -171,7 +173,7 @@ def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> 
 
 @row_kernel
 def carried(mean: Array, cov: Array, x: float, y: float) -> None:
-    """Add what an error of heading does to the position over a way x, y m (frame map) to `mean` and `cov`, in place.
+    """Add what an error of heading does to the position over a motion x, y m (frame map) to `mean` and `cov`, in place.
 
     `mean` (12,), `cov` (12, 12): the last three states are x, y, m, and heading, rad, of the true less the believed
     pose.
@@ -220,7 +222,7 @@ def taken(mean: Array, cov: Array, lines: FrameLines, wrong: float, width: float
 
 @dataclass
 class MapStrain:
-    """Check by probabilities whether the map is strained, the camera tilted or aside, the robot displaced, or none.
+    """Check whether the map is strained, the camera tilted or turned aside, the robot displaced, or none of these.
 
     `shared`: errors that the landmarks of a frame share, whose tilt fades; `model`: what the cases expect.
     """
@@ -241,7 +243,7 @@ class MapStrain:
         self.begin()
 
     def begin(self) -> None:
-        """Forget all frames of landmarks: every case begins with its prior again."""
+        """Discard all frames of landmarks: every case restarts from its prior."""
         self._cases = [Case(self._centre.copy(), np.diag(sds * sds)) for sds in self._sds]
         self._logs, self._at, self._placed = np.array([0.0] * 4 + [-math.inf]), 0.0, False
 
@@ -253,8 +255,8 @@ class MapStrain:
         """Predict all cases over a motion of the robot.
 
         Args:
-            way: along x and y, m, frame map.
-            along, heading: variances that the motion adds: of the way along each axis, m^2; of the heading, rad^2.
+            way: displacement along x and y, m, frame map.
+            along, heading: variances that the motion adds: of the position along each axis, m^2; of the heading, rad^2.
         """
         for case in self._cases:
             carried(case.mean, case.cov, way[0], way[1])
@@ -314,7 +316,7 @@ class MapStrain:
         return math.log(self.model.displacement_rate * min(max(dt, 0.01), 10.0))
 
     def _displace(self, dt: float) -> None:
-        """Let the case of a displaced robot begin now if that is likelier than that it began before."""
+        """Let the case of a displaced robot begin now if that is more probable than an earlier begin."""
         now = self._logs[RIGHT] + self._rare(dt)
         if now > self._logs[DISPLACED]:
             place, heading = self.model.displaced
@@ -333,13 +335,13 @@ class MapStrain:
 
     @property
     def strain(self) -> tuple[float, float, float]:
-        """Strain E_xx, E_yy, E_xy of the map, no unit, in the case that it is strained: 0.1 = a tenth too long."""
+        """Strain E_xx, E_yy, E_xy of the map, no unit, given that it is strained: 0.1 = 10 % too long."""
         xx, yy, xy = self._cases[STRAINED].mean[:TURN].tolist()
         return (xx, yy, xy)
 
     @property
     def sure_turn(self) -> Turn | None:
-        """Pitch, roll and sideways turn of the camera, rad, 0 for each small or uncertain one; None = all are."""
+        """Pitch, roll and sideways turn of the camera, rad, 0 for each that is small or uncertain; None = all are."""
         probabilities, found = self.probabilities, [0.0, 0.0, 0.0]
         for number, parts, small in ((TILTED, (0, 1), self.model.small[1]), (ASIDE, (2,), self.model.small[2])):
             case = self._cases[number]
@@ -376,7 +378,7 @@ class MapStrain:
 
 
 def turned_back(seen: Detections, turn: Turn, height: float) -> Detections:
-    """Return the detections of a turned camera as they would be without its turn.
+    """Return the detections of a turned camera as they would be with the camera at its stated mounting.
 
     `turn`: its pitch, roll and sideways turn, rad; `height`: of the camera above the floor, m.
     """

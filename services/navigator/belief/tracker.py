@@ -22,9 +22,9 @@ Control = Literal["commands", "odometry"]
 
 STATES = 4
 USED_S = 30.0
-"""Time constant with which the use of a landmark is forgotten, s."""
+"""Time constant with which previous uses of a landmark stop lowering its weight in the filter, s."""
 ALL = 50.0
-"""Growth of a log variance that leaves nothing of the information before, nats."""
+"""Largest growth of a log variance that is counted, nats: it leaves nothing of the earlier information."""
 
 
 @dataclass(frozen=True)
@@ -32,21 +32,21 @@ class Motion:
     """Motion of the body over one step of prediction, with the variances that it adds to the belief."""
 
     forward: float = 0.0
-    """Way ahead, along the heading half-way through the turn, m."""
+    """Distance forward, along the heading half-way through the turn, m."""
     left: float = 0.0
-    """Way to the left of that heading, m."""
+    """Distance to the left of the heading half-way through the turn, m."""
     turn: float = 0.0
-    """Turn, rad, left positive."""
+    """Change of heading, rad, left positive."""
     walked: float = 0.0
-    """Way over which the drift acts, m."""
+    """Distance over which the heading drift per metre acts, m."""
     along: float = 0.0
-    """Variance along the heading, m^2."""
+    """Variance of the position along the heading that the motion adds, m^2."""
     across: float = 0.0
-    """Variance across the heading, m^2."""
+    """Variance of the position across the heading that the motion adds, m^2."""
     heading: float = 0.0
-    """Variance of the heading, rad^2."""
+    """Variance of the heading that the motion adds, rad^2."""
     drifting: float = 0.0
-    """Variance of the drift, rad^2 per m^2."""
+    """Variance of the heading drift per metre that the motion adds, rad^2 per m^2."""
 
     def part(self, share: float) -> "Motion":
         """Return a share of the motion (1 = all of it), with variances in proportion."""
@@ -55,14 +55,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class StartUncertainty:
-    """Standard deviations of a pose that a user states."""
+    """Standard deviations of a pose stated by a user, and of the drift."""
 
     position: float = 0.05
-    """Standard deviation of x and of y, m."""
+    """Standard deviation of x and of y of a stated pose, m."""
     heading: float = math.radians(5.0)
-    """Standard deviation of the heading, rad."""
+    """Standard deviation of the heading of a stated pose, rad."""
     drift: float = 0.76
-    """Standard deviation of the drift of the heading by the way walked, rad/m."""
+    """Standard deviation of the heading drift per metre walked, rad/m."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,9 @@ class FrameResult:
     seen: int
     """Number of landmarks that the camera detected in the frame."""
     matched: int
-    """Number of matched detections."""
+    """Number of detections of the frame matched with landmarks of the map."""
     nis: float
-    """Mean over the matched landmarks of the normalised innovation squared per degree of freedom; 0 for none."""
+    """Mean normalised innovation squared of the matched landmarks, per degree of freedom; 0 without matches."""
     matches: Matches | None = None
     """Match of each detection with a landmark; None without a map or detections."""
 
@@ -112,13 +112,13 @@ class PoseTracker:
         self.world: FloorLandmarks | None = None
         self._used_of: FloorLandmarks | None = None
         self._used = np.zeros((0, 5))
-        """Of each landmark of `_used_of`: uses of its range and of its bearing that the belief still holds, time of the
-        last one, s, and `_lost` then."""
+        """Use of each landmark, (n, 5): number of range and of bearing uses that the belief still holds, time of the
+        last use, s, and `_lost` at that time (2)."""
         self._lost = np.zeros(2)
-        """Information on position and on pose that motion and `loosen` took from the belief so far: growth of the log
-        variance, nats."""
+        """Information on position and on pose that the belief has lost to motion and `loosen` so far, (2,): growth of
+        the log variance, nats."""
         self.strain: MapStrain | None = None
-        """Check of map and camera; None = there is none."""
+        """Check whether the map is strained or the camera turned; None = no check."""
         self.frames = 0
         self.place((0.0, 0.0, 0.0))
 
@@ -163,7 +163,7 @@ class PoseTracker:
         self._lose(before)
 
     def _lose(self, before: tuple[float, float]) -> None:
-        """Count the information lost since the log variances of position and pose, nats, were `before`."""
+        """Add the information lost since the log variances of position and pose, nats, were `before`."""
         now = log_variances(self.cov)
         for i in range(2):
             if before[i] < now[i]:
@@ -175,7 +175,7 @@ class PoseTracker:
         return (float(self.mean[0]), float(self.mean[1]), float(self.mean[2]))
 
     def body_covariance(self) -> Array:
-        """Return the covariance of base_link, (3, 3) in m and rad: the pose's, and the sway across the heading."""
+        """Return the covariance of base_link, (3, 3) in m and rad: the pose's and that of the sway."""
         cov = self.cov[:3, :3].copy()
         c, s, variance = math.cos(float(self.mean[2])), math.sin(float(self.mean[2])), self.shared.sway**2
         cov[0, 0] += s * s * variance
@@ -200,7 +200,7 @@ class PoseTracker:
             self.strain.moved(way, max(motion.along, motion.across), heading)
 
     def after(self, motion: Motion) -> tuple[Array, Array]:
-        """Return the belief as it would be after a motion; the tracker does not change.
+        """Return the belief predicted over a motion; the tracker does not change.
 
         Returns:
             Mean (4,): x, y (m), heading (rad), frame map, drift (rad per m walked); its covariance (4, 4).
@@ -214,7 +214,7 @@ class PoseTracker:
         ukf.predict(mean, cov, m.forward, m.left, m.turn, m.walked, self._noise, self._work)
 
     def look(self, seen: Detections, time: float, *, standing: bool, trusted: bool = True) -> FrameResult:
-        """Correct the belief with the landmarks of one frame.
+        """Correct the belief with the landmarks detected in one camera frame.
 
         Args:
             seen: landmarks detected in the frame.
@@ -260,8 +260,8 @@ class PoseTracker:
             world: landmarks; those of another map begin without uses.
             landmark: row of `world`.
             time: of the frame, s.
-            own: variances of range and bearing in one sight by itself, m^2 and rad^2.
-            common: variances by the error of the landmark's place in the map, alike in every sight, m^2 and rad^2.
+            own: variances of range and bearing in one sighting by itself, m^2 and rad^2.
+            common: variances by the error of the landmark's place in the map, equal in every sighting, m^2 and rad^2.
         """
         if world is not self._used_of:
             self._used_of, self._used = world, np.zeros((len(world), 5))
@@ -289,15 +289,15 @@ class PoseTracker:
 
 
 def of_sight(variance: float, common: float, n: float) -> float:
-    """Return the measurement variance of the n-th sight of a landmark, whose error in the map is common to all sights.
+    """Return the measurement variance of the n-th sighting of a landmark whose map error is common to all sightings.
 
     n sights with a variance v each and c in common have the variance v / n + c: the newest adds the information n / (v
     + n c) - (n - 1) / (v + (n - 1) c) = v / ((v + n c) (v + (n - 1) c)).
 
     Args:
-        variance: v, of one sight by itself, m^2 or rad^2.
+        variance: v, of one sighting by itself, m^2 or rad^2.
         common: c, by the error in the map, in the unit of v.
-        n: number of sights, this one included.
+        n: number of sightings, this one included.
     """
     if common == 0.0 or variance == 0.0:
         return variance + common
@@ -305,14 +305,14 @@ def of_sight(variance: float, common: float, n: float) -> float:
 
 
 def held(n: float, ratio: float, lost: float) -> float:
-    """Return the number of sights with as much information as the belief still has of n sights of a landmark.
+    """Return the number of sightings that hold the information that the belief still has of n sightings of a landmark.
 
     n sights have n / (1 + n c) in units of one sight, c = `ratio` the variance in common over that of one sight. Growth
     of the belief's variance by a factor leaves 1 / factor of it: for one landmark alone, a variance q added between two
     sights leaves 1 / (1 / n + q), as exact.
 
     Args:
-        n: sights.
+        n: number of sightings.
         ratio: c.
         lost: growth of the log variance of the belief since, nats.
     """

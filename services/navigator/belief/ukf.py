@@ -36,25 +36,25 @@ ENTROPY_OF_UNIT = 1.5 * math.log(2.0 * math.pi * math.e)  # nats, of three indep
 
 
 class LandmarkSighting(NamedTuple):
-    """A landmark of the map as a camera sees it."""
+    """Landmark of the map with the range and bearing that a camera measured."""
 
     x: float
     """x of the landmark, m, frame map."""
     y: float
     """y of the landmark, m, frame map."""
     range: float
-    """Distance seen, m."""
+    """Measured distance of the landmark, m."""
     bearing: float
-    """Direction seen, rad, left of the heading positive."""
+    """Measured bearing of the landmark, rad, left of the heading positive."""
     var_range: float
-    """Variance of the range, m^2."""
+    """Variance of the measured range, m^2."""
     var_bearing: float
-    """Variance of the bearing, rad^2."""
+    """Variance of the measured bearing, rad^2."""
 
 
 @row_kernel
 def wrap(angle: float) -> float:
-    """Return the same angle in [-pi, pi), rad."""
+    """Return an angle wrapped to [-pi, pi), rad."""
     return angle - TURN * math.floor((angle + math.pi) / TURN)
 
 
@@ -95,9 +95,9 @@ def _displace(
     Args:
         mean: x, y (m), heading (rad), frame map, from n = 4 on drift (rad per m walked), then other states, (n,).
         change: change of the mean's heading over the motion, drift included, rad.
-        forward: way along the heading half-way through the turn, m.
-        left: way to the left of that heading, m.
-        walked: way over which the drift acts, m.
+        forward: distance along the heading half-way through the turn, m.
+        left: distance to the left of that heading, m.
+        walked: distance over which the drift acts, m.
         work: (3 n, max(n, 4)). Read: rows 0 .. n - 1, the lower triangle L with L L^T = n cov. Written: new x and y
             less their old means, m, of the points mean + column of L (rows n .. 2 n - 1) and mean - column (the last n
             rows); row 2 of L, the heading, gets the turn that the column's drift adds.
@@ -144,17 +144,17 @@ def _offsets(work: Array, n: int, i: int, j: int, mean: float) -> tuple[float, f
 def predict(
     mean: Array, cov: Array, forward: float, left: float, turn: float, walked: float, noise: Array, work: Array
 ) -> None:
-    """Carry the belief over a motion: `mean` and `cov` are replaced.
+    """Predict the belief over a motion: `mean` and `cov` are replaced.
 
     Args:
         mean: x, y (m), heading (rad), frame map, from n = 4 on drift (rad per m walked), then other states, (n,).
         cov: covariance, (n, n).
-        forward: way ahead, m, along the heading half-way through the turn.
-        left: way to the left of that heading, m.
+        forward: distance ahead, m, along the heading half-way through the turn.
+        left: distance to the left of that heading, m.
         turn: commanded or measured change of heading, rad.
-        walked: way over which the drift acts, m; 0 where the heading is measured.
-        noise: variances (4,) of the way along (m^2) and across (m^2) the heading half-way, of the heading (rad^2) and
-            of the drift (rad^2 per m^2), added after the transform.
+        walked: distance over which the drift acts, m; 0 where the heading is measured.
+        noise: variances (4,) of the motion along and across (m^2) the heading half-way, of the heading (rad^2) and of
+            the drift (rad^2 per m^2), added after the transform.
         work: scratch, (3 n, max(n, 4)).
     """
     n = mean.size
@@ -250,7 +250,7 @@ def innovation(
 
 @row_kernel
 def update(mean: Array, cov: Array, seen: LandmarkSighting, gain: Array, work: Array) -> float:
-    """Correct the belief with one sighted landmark: `mean` and `cov` are replaced.
+    """Correct the belief with one detected landmark: `mean` and `cov` are replaced.
 
     Args:
         mean: x, y (m), heading (rad), frame map, drift (rad per m), errors z that sightings share, (n,).

@@ -30,7 +30,7 @@ def _mixed(z: np.uint64) -> np.uint64:
 
 @row_kernel
 def seed(state: Stream, a: int, b: int, c: int) -> None:
-    """Begin the random stream that belongs to three integers: `state` (4,) uint64 is overwritten."""
+    """Initialise the random stream of three integers: `state` (4,) uint64 is overwritten."""
     z = _mixed(np.uint64(a) + np.uint64(0x9E3779B97F4A7C15))
     z = _mixed((z ^ np.uint64(b)) + np.uint64(0x9E3779B97F4A7C15))
     z = _mixed((z ^ np.uint64(c)) + np.uint64(0x9E3779B97F4A7C15))
@@ -41,7 +41,7 @@ def seed(state: Stream, a: int, b: int, c: int) -> None:
 
 @row_kernel
 def uniform(state: Stream) -> float:
-    """Return a number drawn evenly from [0, 1), and advance the state of a random stream, (4,) uint64, in place."""
+    """Return a number uniformly distributed in [0, 1), and advance the random stream `state`, (4,) uint64, in place."""
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
     out = s0 + s3
     t = s1 << np.uint64(17)
@@ -68,5 +68,5 @@ def normal_pair(state: Stream) -> tuple[float, float]:
 
 @row_kernel
 def below(state: Stream, n: int) -> int:
-    """Return a whole number drawn evenly from 0 .. n - 1, and advance the stream `state`, (4,) uint64."""
+    """Return an integer uniformly distributed in 0 .. n - 1, and advance the random stream `state`, (4,) uint64."""
     return int(uniform(state) * n)

@@ -1,4 +1,4 @@
-"""Whole episodes of a policy, one after the other in a kernel."""
+"""Simulation of whole episodes of a policy, one after the other, in a kernel."""
 
 import math
 
@@ -16,11 +16,11 @@ from .model import EpisodeRoom, EpisodeState, episode_room, episode_state
 from .world import act, begin
 
 RESULT = named("seconds ended decisions stands turns error nees_sum nees_at")
-"""Result of an episode: s, outcome (1 goal reached, 2 cut off), number of actions, of stands, of turns, final error of
-the estimate, m, sum over decisions of the pose's NEES (normalised error squared, 3 degrees of freedom), NEES after one.
-"""
+"""Fields of an episode's result: duration, s; outcome (1 goal reached, 2 cut off); numbers of actions, stands and
+turns; final error of the estimate, m; sum over decisions of the pose's NEES (normalised estimation error squared, 3
+degrees of freedom); NEES after decision 20."""
 NEES_DECISION = 20
-"""Number of the decision after which the normalised error squared of the pose is kept in the result."""
+"""Ordinal of the decision after which the pose's normalised estimation error squared (NEES) is kept in the result."""
 
 
 @free_kernel

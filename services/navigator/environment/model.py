@@ -25,38 +25,41 @@ class EpisodeState(NamedTuple):
     rng: Stream
     """State of the random stream, (4,) uint64."""
     marks: Array
-    """Landmarks on the floor, x and y, (M, 2) m, frame map, square by square of 0.25 m."""
+    """Positions of the landmarks on the floor, (M, 2) m, frame map, sorted by squares of 0.25 m."""
     first: Ints
-    """Index of the first landmark of each square of 0.25 m, and the number of landmarks at the end, (squares + 1,)."""
+    """Index in `marks` of the first landmark of each square of 0.25 m, and the number of landmarks last, (squares +
+    1,)."""
     truth: Array
-    """True state, (7,).
+    """True state of the robot, (7,).
 
     x, y (m), heading (rad), frame map, drift now (rad per m), roll and pitch error of the camera (rad), drift at the
     start (rad per m)."""
     mean: Array
-    """Belief after the last frame, (n,).
+    """Mean of the belief after the last camera frame, (n,).
 
     x, y (m), heading (rad), frame map, from n = 4 on drift (rad per m), then roll and pitch error of the camera (rad).
     """
     cov: Array
-    """Covariance of the belief after the last frame, (n, n)."""
+    """Covariance of the belief after the last camera frame, (n, n)."""
     ahead_mean: Array
-    """Belief at the next decision, which may come before the last frames of an action, (n,)."""
+    """Mean of the belief at the next decision, which may come before the last frames of an action, (n,)."""
     ahead_cov: Array
     """Covariance of the belief at the next decision, (n, n)."""
     status: Record
-    """Counters: time (s), last action, stands and turns in a row, blocked, outcome, number of actions, way (m)."""
+    """Counters of the episode: time (s), last action, stands and turns in a row, blocked, outcome, number of actions,
+    distance walked (m)."""
 
 
 class EpisodeRoom(NamedTuple):
-    """Scratch of the kernels of an episode; nothing in it outlives a call."""
+    """Scratch arrays of an episode's kernels; their contents do not outlive a call."""
 
     noise: Array
-    """Variances of a motion along and across the heading (m^2), of heading (rad^2) and drift (rad^2 per m^2), (4,)."""
+    """Variances that a motion adds along and across the heading (m^2), to heading (rad^2) and drift (rad^2 per m^2),
+    (4,)."""
     gain: Array
     """Effect of the camera's roll and pitch error on range (row 0) and bearing (row 1) of a sighting, (2, n - 4)."""
     work: Array
-    """Scratch of the filter; its last column holds the landmarks in view, (max(3 n, 128), max(n, 4) + 1)."""
+    """Scratch array of the filter; its last column holds the landmarks in view, (max(3 n, 128), max(n, 4) + 1)."""
 
 
 @row_kernel

@@ -1,7 +1,7 @@
-"""The world of an episode as kernels: floor of landmarks, motion with drift and noise, frames, walls, goal, belief.
+"""Simulated world of an episode as kernels: landmarks, motion with drift and noise, frames, walls, goal, belief.
 
 The arrays of an episode are changed in place. The policy sees the belief and whether the robot is blocked; the truth
-decides about walls, landmarks in view and the arrival at the goal, as in the paper.
+decides about walls, landmarks in view and the arrival at the goal, as in Osswald et al..
 """
 
 import math
@@ -106,13 +106,13 @@ def begin(scene: Record, run: int, episode: int, state: EpisodeState) -> None:
 
 @row_kernel
 def drift_at(scene: Record, began: float, way: float) -> float:
-    """Return the drift, rad per m, after a way, by the course that the scene names.
+    """Return the drift, rad per m, after a distance, by the course that the scene names.
 
     Args:
         scene: record of the scene; course: 0 constant, 1 other sign from half of the way on, 2 none before half of the
             way, 3 evenly to the opposite; start and goal, m.
         began: drift at the start, rad per m.
-        way: walked so far, m.
+        way: distance walked so far, m.
     """
     course = int(scene.course)
     dx, dy = scene.goal_x - scene.start_x, scene.goal_y - scene.start_y
@@ -154,7 +154,7 @@ def tilt_gain(range_: float, bearing: float, height: float, gain: Array) -> None
 
 @row_kernel
 def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None:
-    """Let the errors of roll and pitch that sightings share change: z' = keep z + noise, in `mean` and `cov`, in place.
+    """Predict the roll and pitch error common to sightings: z' = keep z + noise, in `mean` and `cov`, in place.
 
     Args:
         mean: belief, (n,): four states of pose and drift, then these errors (rad).
@@ -206,7 +206,7 @@ def _recognised(scene: Record, action: Record, state: EpisodeState, work: Array)
 
 @row_kernel
 def look(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) -> int:
-    """Take one frame of the camera: correct the belief with each landmark that is recognised; return their number.
+    """Take one camera frame: correct the belief with each landmark that is recognised; return their number.
 
     Args:
         scene: record of the scene: camera, most landmarks of a frame.
@@ -250,7 +250,7 @@ def move(scene: Record, action: Record, share: float, rng: Stream, truth: Array)
 
     Args:
         scene: record of the scene: walls and radius of the robot, m.
-        action: record of the action: way (m), turn (rad), variances of the motion.
+        action: record of the action: distance (m), turn (rad), variances of the motion.
         share: part of the action, 0 to 1.
         rng: random stream of the motion noise, (4,) uint64, advanced.
         truth: true x, y (m), heading (rad), frame map, drift (rad per m) and more, (7,).

@@ -30,36 +30,36 @@ Ints32 = NDArray[np.int32]
 
 STRAIGHT, DIAGONAL = 12, 17
 UNIT = 4
-"""Weight of a cell far from all obstacles."""
+"""Cost factor of a cell far from all obstacles, no unit."""
 HEAVIEST = 16
-"""Largest weight of a cell, the one nearest to an obstacle."""
+"""Cost factor of a cell nearest to an obstacle, the largest, no unit."""
 RUN = 32
 """Largest number of cells of a straight run that one step of the search takes."""
 BUCKETS = 8192
-"""Number of buckets of the queue of open cells: a power of two above twice the cost of the dearest step and run,
-4 DIAGONAL HEAVIEST + 4 STRAIGHT UNIT RUN."""
+"""Number of buckets of the queue of open cells: a power of two above twice the largest cost of one step and one run, 4
+DIAGONAL HEAVIEST + 4 STRAIGHT UNIT RUN."""
 NOWHERE = -1
-"""Goal of a search that settles every cell in reach."""
+"""Goal index of a search without a goal, which settles every cell in reach."""
 EVEN = 128
-"""Bit of a weight: the cell and its eight neighbours weigh the same."""
+"""Bit of a cell's weight that is set if all eight neighbours weigh as much as the cell."""
 FACTOR = 127
-"""Bits of a weight that hold the cost factor."""
+"""Bit mask of the cost factor in a cell's weight."""
 ANY = 8
-"""Direction of a cell that was reached by no step."""
+"""Direction number of a cell that no step led to, as the start: all eight directions are expanded."""
 UNSEEN = 2**31 - 1
 GROWTH = 65_536
-"""Number of entries that the pool of the queue holds at the beginning."""
+"""Initial number of entries in the pool of the queue of open cells."""
 
 
 @row_kernel
 def enter(
     entry: int, f: int, heads: Ints32, cell_of: Ints32, next_of: Ints32, spare: int, used: int
 ) -> tuple[int, int]:
-    """Put an entry into the queue of open cells, the bucket of its f; the three arrays are changed in place.
+    """Enter an open cell into the bucket of its cost f in the queue; the three arrays are changed in place.
 
     Args:
         entry: index of a cell << 4 | direction of the step to it, 0 to 7, or 8 for none.
-        f: cost from the start plus bound on the rest of the way, no unit.
+        f: cost from the start plus bound on the rest of the path, no unit.
         heads: first place of each bucket in the pool, (buckets,), -1 = empty.
         cell_of: entry at each place of the pool, (places,).
         next_of: place after each, in a bucket or in the list of spare places, -1 = last, (places,).
@@ -84,7 +84,7 @@ def enter(
 
 @row_kernel
 def doubled(entries: Ints32) -> Ints32:
-    """Return an array of twice the length, (2 n,), that begins with `entries` (n,), no unit; the rest is not set."""
+    """Return an array of twice the length, (2 n,), that begins with `entries` (n,); the rest is uninitialised."""
     out = np.empty(2 * entries.size, dtype=np.int32)
     for i in range(entries.size):
         out[i] = entries[i]
@@ -95,32 +95,33 @@ class SearchMap(NamedTuple):
     """Costs, goal and neighbours of one A* search, constant while it runs; cells are indices of the flattened array."""
 
     weight: Bytes
-    """Cost factors, padded and flattened, (cells,): 0 = blocked; bit 128: all eight neighbours weigh the same."""
+    """Cost factors of the padded, flattened cells, (cells,): 0 = blocked; bit 128 set = all eight neighbours weigh as
+    much."""
     wide: int
-    """Cells of a padded row."""
+    """Number of cells in a padded row."""
     marks: Ints32
-    """Costs between marks (chosen cells) and all cells, (cells, marks), no unit."""
+    """Costs between marks (cells with stored costs) and all cells, (cells, marks), no unit."""
     goal: int
-    """Index of the goal in the flattened array, or -1 = none."""
+    """Index of the goal in the flattened array; -1 = no goal."""
     goal_row: int
-    """Row of the goal in the padded array."""
+    """Row of the goal in the padded array of cells."""
     goal_col: int
-    """Column of the goal in the padded array."""
+    """Column of the goal in the padded array of cells."""
     offsets: Ints
-    """Offset of the neighbour in each direction, cells, (8,): edges first, then corners."""
+    """Index offset of the neighbour in each direction in the flattened array, (8,): edges first, then corners."""
     onward: Ints
-    """Directions in which the search goes on after a step in each, where all cells around weigh the same, (8, 3)."""
+    """Directions to expand after a step in each direction if all cells around weigh the same, (8, 3)."""
 
 
 class Successors(NamedTuple):
-    """Ends of the steps from one cell, at most eight."""
+    """Successors of one cell in the search, at most eight."""
 
     entry: Ints
-    """Index of the cell << 4 | direction of the step to it, (8,)."""
+    """Queue entries of the successors, (8,): index of the cell << 4 | direction of the step to it."""
     f: Ints
-    """Cost from the start to each end, plus the bound on the rest of the way, (8,)."""
+    """Cost from the start to each successor, plus the lower bound on the cost from there to the goal, (8,)."""
     h: Ints
-    """Lower bound on the cost of the rest of the way, (8,)."""
+    """Lower bound on the cost from each successor to the goal, (8,)."""
 
 
 @row_kernel
@@ -148,7 +149,7 @@ def _map_of(weight: Bytes, goal: int, marks: Ints32) -> SearchMap:
 
 @row_kernel
 def bound(floor: SearchMap, cell: int) -> int:
-    """Return a lower bound of the cost from a cell to the goal; 0 without a goal.
+    """Return a lower bound of the cost from a cell to the goal, no unit; 0 without a goal.
 
     A step over an edge costs 96 between two cells far from obstacles, up to 384 near them.
 
@@ -191,7 +192,7 @@ def _run(floor: SearchMap, g: Ints32, n: int, step: int, cost: int) -> tuple[int
 
 @inner_kernel
 def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: Successors) -> int:
-    """Write the ends of the steps from a cell that become cheaper; return their number.
+    """Write the successors of a cell that become cheaper; return their number.
 
     Args:
         floor: constants of the search.
@@ -231,7 +232,7 @@ def _expand(floor: SearchMap, g: Ints32, cell: int, came: int, here: int, out: S
 
 @row_kernel
 def _settle_rest(g: Ints32) -> int:
-    """Settle the cells that were only seen by a search, in place; return their number.
+    """Mark the cells that a search reached but did not settle as settled, in place; return their number.
 
     `g`: cost c from the start, (cells,), no unit: -c - 1 of settled cells, c of seen ones, 2^31 - 1 of others.
     """
@@ -302,7 +303,7 @@ def search(weight: Bytes, start: int, goal: int, marks: Ints32, g: Ints32) -> in
 
 @row_kernel
 def cost_of(entry: int) -> int:
-    """Return the cost c of a cell from its entry after a search: -c - 1 if settled, c if seen; 2^31 - 1 of others."""
+    """Return the cost c of a cell from its entry after a search: -c - 1 if settled, c if reached, 2^31 - 1 if not."""
     return -entry - 1 if entry < 0 else entry
 
 

@@ -1,4 +1,4 @@
-"""Cost of walking over each cell of a floor: none within the robot's radius of an obstacle, dearer near it.
+"""Cost of walking over each cell of a floor: blocked within the robot's radius of an obstacle, raised near it.
 
 Kernels work on padded arrays: a frame of one blocked cell around the grid spares every neighbour its test of the
 borders.
@@ -20,14 +20,14 @@ from .astar import EVEN, HEAVIEST, UNIT, Bytes, Ints32
 from .grid import FloorGrid
 
 LARGE = 300_000
-"""Number of free cells from which on a map gets marks: they take 16 bytes a cell, and a second or so to make for four
-million. A mark is a cell whose costs to all others are kept to speed up searches."""
+"""Number of free cells from which on a map gets marks, i.e. cells with stored costs to all others that speed up
+searches; they take 16 bytes a cell, and about a second to make for four million."""
 MARKS = 4
-"""Number of marks of a large map."""
+"""Number of marks, i.e. cells with stored costs to all others, in a large map."""
 FARTHEST_CLEARANCE = 1e3
-"""Largest distance of a clearance, m."""
+"""Largest distance from obstacles that a configuration may ask for, m."""
 WIDEST = 200
-"""Largest width, in cells, of the zone about an obstacle in which cells cost more; more is taken for a wrong unit."""
+"""Largest width, in cells, of the zone of raised costs around an obstacle; more is refused as a wrong unit."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class Clearance:
     radius: float = 0.15
     """Radius of the robot, m: no route comes closer to an obstacle."""
     comfort: float = 0.35
-    """Distance from an obstacle from which on a cell is no cheaper, m."""
+    """Distance from an obstacle, m, beyond which a cell costs no less."""
     dearest: float = 4.0
-    """Cost of a cell at `radius` over that of one at `comfort`, 1 to 4."""
+    """Cost of a cell at `radius` from an obstacle over that of one at `comfort`, 1 to 4."""
     obstacle: int = 65
-    """Occupancy from which on a cell is an obstacle, 1 to 100."""
+    """Occupancy from which on a cell is an obstacle, in percent, 1 to 100."""
     through_unknown: bool = False
-    """Unknown cells may be walked over; the outside of the grid never."""
+    """True if routes may cross unknown cells, False if these block; outside the grid is always blocked."""
 
     def __post_init__(self) -> None:
         try:
@@ -67,28 +67,28 @@ class Costs:
     """
 
     grid: FloorGrid
-    """Grid from which the costs were made."""
+    """Occupancy grid from which the costs were made."""
     clearance: Clearance
-    """Distances from obstacles with which the costs were made."""
+    """Distances from obstacles that the costs keep."""
     weight: Bytes
     """Cost factors of the padded cells, (rows + 2, cols + 2).
 
     The low 7 bits are 4 far from obstacles, up to 16 near them, 0 = not to be entered; bit 128 is set where all eight
     neighbours weigh the same."""
     region: Ints32
-    """Connected regions of free cells, numbered from 1 on, (rows + 2, cols + 2); 0 = blocked."""
+    """Number of the connected region of each free cell, from 1 on, (rows + 2, cols + 2); 0 = blocked."""
     distance2: Ints32
-    """Squared distance of cell centres to the nearest obstacle's, (rows + 2, cols + 2) cells^2, bounded."""
+    """Squared distance of each cell's centre to the nearest obstacle's, (rows + 2, cols + 2) cells^2, bounded above."""
     marks: Ints32
     """Costs from each mark to every padded cell, (cells, marks); no marks in a small map.
 
-    A mark is a cell far from the other marks: costs to it bound the rest of a way and speed up a search."""
+    A mark is a cell far from the other marks: costs to it bound the rest of a path and speed up a search."""
     marked: int
-    """Number of the connected region in which the marks lie."""
+    """Number of the connected region that holds the marks."""
 
     @cached_property
     def scratch(self) -> Ints32:
-        """Room for the costs from the start that a search writes, (cells,), no unit; every search overwrites it."""
+        """Array for the costs from the start that a search writes, (cells,), no unit; every search overwrites it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
     def clearance_of(self, path: Ints32) -> float:
@@ -206,7 +206,7 @@ def squared_distance(wall: Flags, most: int) -> Ints32:
 
 @row_kernel
 def root(parent: Ints32, i: int) -> int:
-    """Return the label that stands for all labels joined with label i, and shorten the way to it, in place.
+    """Return the label that represents all labels joined with label i, and shorten the chain to it, in place.
 
     `parent`: of each label, the label it was joined to, itself if none, (labels,).
     """
@@ -252,7 +252,7 @@ def regions(weight: Bytes) -> Ints32:
 
 @row_kernel
 def nearest_free(free: Flags, row: float, col: float) -> tuple[int, int, float]:
-    """Return the free cell nearest to a place.
+    """Return row, column and distance, in cells, of the free cell nearest to a place.
 
     Args:
         free: True where a cell may be taken, (rows, cols).

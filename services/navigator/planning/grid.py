@@ -16,13 +16,13 @@ Point = tuple[float, float]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 LARGEST_CELL = 10.0
-"""Largest edge of a cell, m."""
+"""Largest edge of a grid cell, m; larger ones are refused."""
 STEP = 0.04
-"""Height over or depth under the floor from which ground is an obstacle, m: feet of a biped are lifted less."""
+"""Height above or depth below the floor, m, beyond which ground is an obstacle: a biped lifts its feet less."""
 
 
 class GridError(Refusal):
-    """An occupancy grid that cannot be; `field` names what is wrong with it."""
+    """Error for an invalid occupancy grid; `field` names what is wrong with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +34,9 @@ class FloorGrid:
     """
 
     cells: Cells
-    """Occupancy, (rows, cols), row 0 = y-min: 0 free to 100 occupied, -1 unknown."""
+    """Occupancy of the cells in percent, (rows, cols), row 0 = least y: 0 free to 100 occupied, -1 unknown."""
     cell: float
-    """Edge of a cell, m."""
+    """Edge length of a cell, m."""
     origin: tuple[float, float] = (0.0, 0.0)
     """x, y of the lower-left corner of cell [0, 0], m, frame map."""
     source: str = ""
@@ -78,7 +78,7 @@ class FloorGrid:
         return (math.floor((y - self.origin[1]) / self.cell), math.floor((x - self.origin[0]) / self.cell))
 
     def inside(self, row: int, col: int) -> bool:
-        """Return whether the cell belongs to the grid."""
+        """Return True if a cell (row, col) lies inside the grid."""
         return 0 <= row < self.cells.shape[0] and 0 <= col < self.cells.shape[1]
 
     def centre(self, row: int, col: int) -> tuple[float, float]:
@@ -112,7 +112,7 @@ class FloorGrid:
 
 
 def grid_of(ground: HeightMap) -> FloorGrid:
-    """Return the occupancy of a height map: ground more than 4 cm over or under the median height is occupied.
+    """Return the occupancy of a height map: ground more than 4 cm above or below the median height is occupied.
 
     Cells without a height are unknown.
 

@@ -32,21 +32,21 @@ from .grid import FREE, OCCUPIED, UNKNOWN, FloorGrid
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")
 MAX_SIDE = 20_000
-"""Largest side of an image, pixels; larger ones are refused by their header, before anything is decoded."""
+"""Largest width or height of a map image, pixels; a larger one is refused by its header, before decoding."""
 MAX_YAML_BYTES = 64 * 1024
 DEEPEST = 8
-"""Levels of lists and tables in a YAML; a map has two."""
+"""Largest depth of nested lists and tables in a map's YAML file; a valid map has two."""
 MAX_IMAGE_BYTES = 128_000_000
 PNG_MAGIC, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 
 
 Number = Annotated[float, BeforeValidator(str)]
-"""Number that may be written as text, for YAML 1.1 takes 5e-2 for one; true is none."""
+"""Number of a map's YAML file, which may be text, as YAML 1.1 reads 5e-2 as text; booleans are refused."""
 Coordinate = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
 
 class MapFileError(Refusal):
-    """A map file that cannot be used; `field` names the key or file."""
+    """Error for a map file that cannot be used; `field` names the key or file."""
 
 
 def _malformed(text: str, field: str = "image") -> MapFileError:
@@ -58,19 +58,19 @@ class MapInfo:
     """Contents of the YAML file of a map_server map."""
 
     image: Path
-    """Path of the image; `load` checks that it exists."""
+    """Path of the map's image file; `load` checks that it exists."""
     resolution: Annotated[Number, Field(ge=1e-4, le=10.0)]
-    """Edge of a pixel of the map's image, m."""
+    """Edge length on the floor of a pixel of the map's image, m."""
     origin: tuple[Coordinate, Coordinate]
     """Lower-left corner of the lower-left pixel, x and y in m, frame map."""
     occupied_thresh: Annotated[Number, Field(ge=0.0, le=1.0)]
-    """Occupancy above which a pixel is occupied, 0 to 1."""
+    """Occupancy above which a pixel becomes an occupied cell, 0 to 1."""
     free_thresh: Annotated[Number, Field(ge=0.0)]
-    """Occupancy below which a pixel is free, 0 to 1."""
+    """Occupancy below which a pixel becomes a free cell, 0 to 1."""
     negate: bool = False
-    """True if bright pixels are occupied."""
+    """True if bright pixels are occupied, False if dark ones are."""
     mode: Mode = "trinary"
-    """Rule that makes cells of pixels."""
+    """Rule that converts pixels to occupancy, a mode of map_server: trinary, scale or raw."""
 
     @field_validator("free_thresh")
     @classmethod
@@ -101,7 +101,7 @@ def load(path: str | Path) -> FloorGrid:
 
 
 def parse(text: str, path: Path) -> MapInfo:
-    """Return the contents of a YAML; the image is searched beside `path`.
+    """Return the contents of a map's YAML text; the image is searched beside `path`.
 
     Raises:
         MapFileError: it is no YAML of a map, uses anchors or aliases, or names an image outside of its folder.

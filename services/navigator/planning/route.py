@@ -14,7 +14,7 @@ from .costs import Costs, nearest_free
 from .grid import Point
 
 FARTHEST = 1e6
-"""Largest coordinate of a start, goal or waypoint, m."""
+"""Largest coordinate of a start, goal or waypoint, m; a larger one is refused."""
 
 
 class RouteError(Refusal):
@@ -23,17 +23,18 @@ class RouteError(Refusal):
     def __init__(self, code: str, message: str, field: str, nearest: Point | None = None) -> None:
         super().__init__(code, message, field)
         self.nearest = nearest
-        """Centre of the nearest free cell, m, frame map; None = there is none."""
+        """Centre of the free cell nearest to the refused place, x, y in m, frame map; None = there is none."""
 
 
 @dataclass(frozen=True)
 class RouteLimits:
-    """Limits of a route, positive numbers."""
+    """Limits of route planning, positive numbers."""
 
     leg: float = 1.0
-    """Largest distance of two waypoints, m: the viewing distance."""
+    """Largest distance between consecutive waypoints, m: the viewing distance of the camera."""
     slack: float = 0.3
-    """Largest distance of the start from a free cell, m: a robot beside a wall may go away from it."""
+    """Largest distance of the start from a free cell, m; beyond it no route is planned. A robot beside a wall may leave
+    it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +42,15 @@ class PlannedRoute:
     """Route to a goal in frame `map`: start and waypoints, m, length, m, cost, and clearance from obstacles, m."""
 
     start: Point
-    """Begin of the route, m, frame map."""
+    """Start of the route, x, y in m, frame map."""
     waypoints: Array
     """Places to walk to in order, (n, 2) m, frame map; the last one is the goal."""
     length: float
-    """Length from the start over all waypoints, m."""
+    """Length of the route from the start over all waypoints, m."""
     cost: float
     """Cost of the path of cells, m, each step weighted by the nearness of obstacles (1 = far)."""
     clearance: float
-    """Least distance of a cell of the path to an obstacle, m; bounded by the comfortable one."""
+    """Least distance of the path's cells to an obstacle, m; at most the comfortable distance."""
 
 
 def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> PlannedRoute:
@@ -95,7 +96,7 @@ def _checked(point: Point, field: str) -> Point:
 
 
 def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, int], Point]:
-    """Return padded cell (row, column) and place (m, frame map) at which the path begins.
+    """Return padded cell (row, column) and position (m, frame map) at which a route begins.
 
     It is the start, or the nearest free cell if that is within `limits.slack` m of it.
 
@@ -164,7 +165,7 @@ def _shown(point: Point) -> str:
 
 
 def _legs(points: list[Point], leg: float) -> tuple[Array, float]:
-    """Return waypoints along the lines through points, at most `leg` m apart, (n, 2) m, and the length of the lines, m.
+    """Return waypoints on the lines through points, at most `leg` m apart, (n, 2) m, and the length of the lines, m.
 
     The first of the points, m, frame map, is where the robot is and no waypoint.
     """

@@ -1,4 +1,4 @@
-"""Local map beside the static one: obstacles that a ranger sees and the map does not know; they fade.
+"""Local map of obstacles that a ranger detects and the static map does not hold; they expire.
 
 An echo at r m in a cone is explained if the map, or a mark, has an obstacle in the cone no farther than r and a slack.
 One that is not marks the cells of its arc; an empty cone clears the cells in it, and a mark that is not seen again is
@@ -16,19 +16,20 @@ from .grid import OCCUPIED, FloorGrid, Point
 Pose = tuple[float, float, float]
 
 FARTHEST = 1.0
-"""Farthest echo that marks cells, m: the arc of a farther one is wider than a door."""
+"""Largest distance of a ranger echo that marks cells, m: the arc of a farther one is wider than a door."""
 SLACK = 0.15
-"""Difference of an echo from the map that is no difference, m: half a cell, the trunk's sway, the ranger's noise."""
+"""Difference between echo and mapped distance that counts as agreement, m: half a cell, the trunk's sway, ranger
+noise."""
 EDGE = 0.1
-"""Angle by which the cone is wider for the map, rad: cells at its edge."""
+"""Angle by which the ranger's cone is widened to compare it with the map, rad, for cells at its edge."""
 WIDTH = 0.5
-"""Length of the arc that an echo marks, m: what stands there may be narrower than the cone, or wider."""
+"""Length of the arc of cells that a ranger echo marks, m: the object may be narrower than the cone, or wider."""
 CLOSE = 0.5
-"""Distance, m, within which marks at the edge of the cone do not explain an echo: the robot is about to touch it."""
+"""Distance of an echo, m, below which marks at the cone's edge do not explain it, as the robot is about to collide."""
 MOST = 4096
-"""Largest number of marked cells; the oldest are dropped."""
+"""Largest number of cells marked by ranger echoes; the oldest are dropped."""
 AHEAD = 2.0
-"""Length of the route that is checked, m: farther marks are planned around when they come near."""
+"""Length of route ahead of the robot that is checked for marked cells, m; farther marks count when they come near."""
 
 
 def expected_echo(
@@ -64,7 +65,7 @@ def expected_echo(
 
 
 class SeenObstacles:
-    """Memory of the cells that a ranger saw occupied and the static map has free: marks, which fade.
+    """Memory of cells that a ranger saw occupied but the static map has free; marks expire.
 
     Args:
         grid: static map.
@@ -75,9 +76,9 @@ class SeenObstacles:
     def __init__(self, grid: FloorGrid, obstacle: int, keep: float) -> None:
         self.grid, self.obstacle, self.keep = grid, obstacle, keep
         self.marks: dict[tuple[int, int], float] = {}
-        """Times at which cells (row, column) were last seen occupied, s."""
+        """Simulated time, s, at which each marked cell (row, column) was last seen occupied."""
         self.version = 0
-        """Number that changes with the set of marked cells."""
+        """Number that changes whenever the set of marked cells does."""
 
     def take(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> None:
         """Update the marked cells with one reading of the ranger.
@@ -104,7 +105,7 @@ class SeenObstacles:
         self.version += before != set(self.marks)
 
     def _seen_again(self, at: Pose, half: float, distance: float, now: float) -> bool:
-        """Return True if marked cells explain an echo, and renew the times of these.
+        """Return True if marked cells explain an echo, and renew the times of these cells.
 
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
@@ -151,7 +152,7 @@ class SeenObstacles:
         return found
 
     def free(self, here: Point, route: tuple[Point, ...], radius: float) -> bool:
-        """Return True if no marked obstacle is near the next 2 m of a route.
+        """Return True if no marked cell lies near the next 2 m of a route.
 
         Args:
             here: where the robot is, x, y in m, frame map.
@@ -176,7 +177,7 @@ class SeenObstacles:
         return True
 
     def joined(self) -> FloorGrid:
-        """Return a copy of the static map in which cells with obstacles that sensors saw are occupied, too."""
+        """Return a copy of the static map in which marked cells are occupied, too."""
         cells = self.grid.cells.copy()
         for cell in self.marks:
             cells[cell] = OCCUPIED

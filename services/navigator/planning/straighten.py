@@ -1,4 +1,4 @@
-"""Straight lines in the place of parts of a path: the route that `astar` found over cells, pulled tight."""
+"""Replacement of parts of a path over cells by straight lines of no higher cost."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from .astar import DIAGONAL, FACTOR, HEAVIEST, STRAIGHT, Bytes, Ints32
 
 @row_kernel
 def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> float:
-    """Return the cost of a straight line: 24 * length (cells) * mean weight; -1 if it touches a blocked cell.
+    """Return the cost of a straight line: 24 * length (cells) * mean weight; -1 if it crosses a blocked cell.
 
     Args:
         weight: cost factors (0 = blocked, low 7 bits 4 to 16), padded by a frame of zeros, (rows + 2, cols + 2).

@@ -17,9 +17,9 @@ ACTION = named(
     "range_min range_max cos_half box_at box_half",  # footprint, and the square around it
     "sd_range sd_share sd_bearing tilt_keep mirror late",
 )
-"""Fields of an action, SI units, angles in rad.
+"""Fields of an action record, SI units, angles in rad.
 
-kind: 0 stand, 1 turn, 2 walk; forward, turn, seconds: expected way, turn, duration; frames: of the camera; match:
+kind: 0 stand, 1 turn, 2 walk; forward, turn, seconds: expected distance, turn, duration; frames: of the camera; match:
 probability that a landmark in view is recognised; var_*: variances of the motion, of the drift (rad per m) and of the
 heading in the filter; range_min, range_max, cos_half: sector in view; box_at, box_half: circle ahead that holds it;
 sd_*: noise of range (constant, share) and bearing; tilt_keep: share of the tilt error that the next frame has again;
@@ -31,18 +31,18 @@ SCENE = named(
     "density most drift_size drift_normal drift_known start_sd start_yaw_sd",
     "tilt_sd height max_stands max_turns goal_reward gamma course",
 )
-"""Fields of the scene, SI units, angles in rad.
+"""Fields of the scene record (floor, start, goal, noises, limits), SI units, angles in rad.
 
-Walls; radius of the robot, and way ahead that a wall blocks; start, goal, limit of time; landmarks per m^2, most used
+Walls; radius of the robot, and distance ahead that a wall blocks; start, goal, time limit; landmarks per m^2, most used
 of a frame; drift per m: size, 1 = normally distributed, deviation that the filter expects; deviations of the start and
 of the camera's tilt; its height; largest numbers of stands and of turns in a row; reward at the goal, discount per
 action; course of the drift: 0 constant, 1 flip, 2 step, 3 ramp.
 """
 STATUS = named("time last stands turns blocked outcome steps way")  # of an episode, or of the live navigator
-"""Fields of an episode's or live navigator's counters.
+"""Fields of the counters of a simulated episode or a live navigator.
 
 time (s), index of the last action (-1 = none), stands and turns in a row, blocked (1 = a wall is close ahead), outcome
-(0 running, 1 goal reached, 2 cut off), number of actions, way (m).
+(0 running, 1 goal reached, 2 cut off), number of actions, distance (m).
 """
 STAND, TURNING, WALK = 0, 1, 2  # kinds
 
@@ -58,9 +58,10 @@ class ModelTables(NamedTuple):
     """Arrays of a navigation model that kernels read; SI units, angles in rad."""
 
     actions: Record
-    """Actions, records with the fields of ACTION (kind 0 stand, 1 turn, 2 walk; motion, noise, camera), (A,)."""
+    """Actions of the model, records with the fields of ACTION (kind 0 stand, 1 turn, 2 walk; motion, noise, camera),
+    (A,)."""
     scene: Record
-    """Floor, start, goal, noises and limits, one record with the fields of SCENE, (1,); m, rad, s."""
+    """Record of floor, start, goal, noises and limits with the fields of SCENE, (1,); m, rad, s."""
     switching: Array
     """Extra time of an action of kind j after kind i, (3, 3) s; kinds: 0 stand, 1 turn, 2 walk."""
 
@@ -70,11 +71,11 @@ class Arrays:
     """A navigation model of a robot as arrays for kernels, with sizes and names of its actions."""
 
     tables: ModelTables
-    """Arrays that kernels read."""
+    """Actions, scene and switching times as arrays for compiled kernels."""
     states: int
-    """Number of states of the filter: 3 or 4 of pose and drift, 6 where errors that landmarks share are among them."""
+    """Number of filter states: 3 (pose), 4 (and drift), or 6 (and pitch and roll error of the camera)."""
     names: tuple[str, ...]
-    """Names of the actions, (A,)."""
+    """Names of the actions, in the order of the action axis, (A,)."""
 
 
 def arrays(model: NavigationModel) -> Arrays:

@@ -30,17 +30,18 @@ class PolicyTables(NamedTuple):
     """Arrays of a policy (the rule that chooses the next action) that kernels read."""
 
     kind: int
-    """0 = HAND (thresholds), 1 = STEER (thresholds and arcs), 2 = PLANNER (value iteration), 3 = SARSA (learned)."""
+    """Kind of policy: 0 = HAND (thresholds), 1 = STEER (thresholds and arcs), 2 = PLANNER (value iteration), 3 = SARSA
+    (learned)."""
     numbers: Array
-    """Parameters, (8,).
+    """Parameters of the policy by kind, (8,).
 
     HAND and STEER: entropy (nats) above which it stands, its growth by distance (nats per m), bearing (rad) beyond
-    which it turns, share of the bearing that an arc takes out. PLANNER: shares of the belief's standard deviations in
+    which it turns, share of the bearing that an arc corrects. PLANNER: shares of the belief's standard deviations in
     position, heading and drift over which values are averaged, weight of the gain of a stand. The rest is 0."""
     table: Array
-    """Action values by drift (PLANNER) or entropy (SARSA), distance, bearing, action, (layers, nd, nphi, A) s."""
+    """Action values, s, by layer (drift: PLANNER; entropy: SARSA), distance, bearing, action, (layers, nd, nphi, A)."""
     grid: Array
-    """Axes of the table, (6,).
+    """Axes of the table of action values, (6,).
 
     Distance of its first and last row (m), value of its first and last layer, mirrored (1 layers, -1 bearings), value
     that each m beyond the last row adds."""
@@ -49,14 +50,14 @@ class PolicyTables(NamedTuple):
 
 
 class ChoiceRoom(NamedTuple):
-    """Results of a decision, and scratch for it."""
+    """Arrays for the results of a decision, and its scratch."""
 
     values: Array
     """Value of each action, (A,), larger is better: s, or no unit by the rules of HAND and STEER."""
     mask: Flags
-    """Actions that are allowed, (A,)."""
+    """True for each action that is allowed, False for others, (A,)."""
     work: Array
-    """Scratch, (40 + 2 n, max(n, 4, A)) for n states."""
+    """Scratch array, (40 + 2 n, max(n, 4, A)) for n filter states and A actions."""
 
 
 def room_to_choose(states: int, actions: int) -> ChoiceRoom:
@@ -120,7 +121,7 @@ def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, floa
 def _by_hand(
     policy: PolicyTables, actions: Record, d: float, phi: float, h: float, drift: float, values: Array
 ) -> None:
-    """Write the values of a controller of rules: it stands when unsure, turns to a goal far aside, else walks.
+    """Write the values of a rule-based controller: it stands when uncertain, turns to a goal far aside, else walks.
 
     The choice of the rules has the largest value, the other actions have less, in the order of the rules. A policy of
     the kind STEER takes the arc that comes nearest to a share of the bearing after the turn by the drift.
@@ -131,7 +132,7 @@ def _by_hand(
         d: distance of the goal, m.
         phi: its bearing, rad, left positive.
         h: entropy of the belief, nats.
-        drift: believed turn per way, rad/m.
+        drift: believed turn per distance walked, rad/m.
         values: written, (A,), no unit.
     """
     numbers = policy.numbers
@@ -153,7 +154,7 @@ def _by_hand(
 
 @row_kernel
 def _values_at(policy: PolicyTables, model: ModelTables, x: Array, gx: float, gy: float, out: Array) -> None:
-    """Write the action values of a known state, by the policy's table, to `out` (A,), s.
+    """Write the action values of a state by the policy's table to `out` (A,), s.
 
     Args:
         policy: table and its axes.
@@ -258,7 +259,7 @@ def after_sight(heading: float, shown: Array, work: Array) -> None:
 def _gain_of_sight(
     policy: PolicyTables, model: ModelTables, mean: Array, gx: float, gy: float, room: ChoiceRoom
 ) -> float:
-    """Return the seconds that deciding after a stand (pause for the camera) saves; > 0 where it can change the choice.
+    """Return the time that deciding after a stand (pause for the camera) saves, s; > 0 where it changes the choice.
 
     That is the mean, over the places where the estimate may then be, of the best value there, less the best of the
     actions' means over the same places.

@@ -51,15 +51,15 @@ class Policy:
     """A policy (the rule that chooses the next action) as arrays, with the names of its actions and its origin."""
 
     name: str
-    """Name of the policy."""
+    """Name of the policy, by which goals request it."""
     actions: tuple[str, ...]
-    """Names of the actions, in the order of the table."""
+    """Names of the actions, in the order of the action axis of the table."""
     tables: PolicyTables
-    """Arrays that kernels read."""
+    """Kind, parameters and action values of the policy as arrays for compiled kernels."""
     provenance: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Origin: model, hash, seed, version."""
+    """Origin of the policy: model, hash, seed, version."""
     sha256: str = ""
-    """Digest of the file; empty = from no file."""
+    """SHA-256 digest of the policy's file; empty = not from a file."""
 
 
 class Decider:
@@ -76,12 +76,12 @@ class Decider:
         self.begin()
 
     def begin(self) -> None:
-        """Forget the actions so far, for a new goal."""
+        """Discard the counts of past actions, for a new goal."""
         self.status = record(STATUS)
         self.status.last = slots.NO_ACTION
 
     def decide(self, mean: Array, cov: Array, goal: tuple[float, float], *, blocked: bool) -> Decision:
-        """Return the next action, with values and a reason, for the belief as it will be when the action begins.
+        """Return the next action, with values and a reason, for the belief predicted to when the action begins.
 
         Args:
             mean: x, y (m), heading (rad), and from n = 4 on the drift (rad per m), frame map, (n,).
@@ -103,7 +103,7 @@ class Decider:
         return decision
 
     def did(self, index: int) -> None:
-        """Record that the action with this index was done; `decide` does so for the one it returns."""
+        """Record that the action of this index was executed; `decide` does so for the action it returns."""
         kind, status = self.world.tables.actions[index].kind, self.status
         status.last = index
         status.stands = status.stands + 1.0 if kind == slots.STAND else 0.0
@@ -147,7 +147,7 @@ def hand(
     slope: float = 0.0,
     steer: float = 0.0,
 ) -> Policy:
-    """Return a controller made by hand: it stands while unsure, turns to a goal far aside, else walks.
+    """Return a hand-made controller: it stands while uncertain, turns to a goal far aside, else walks.
 
     Args:
         world: the model's arrays.
@@ -155,7 +155,7 @@ def hand(
         turn_deg: deg, it turns to a goal farther aside than this.
         stand_above: nats, it stands while the entropy of the belief is above this.
         slope: nats per m of distance to the goal, added to `stand_above`.
-        steer: share of the bearing that an arc should take out; 0 = it walks straight, as in the paper.
+        steer: share of the bearing that an arc corrects; 0 = it walks straight, as in Osswald et al.
     """
     numbers = np.zeros(NUMBERS)
     numbers[STAND_ABOVE], numbers[STAND_SLOPE] = stand_above, slope

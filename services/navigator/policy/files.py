@@ -21,7 +21,7 @@ from .decider import KIND_NAMES, Policy
 from .grids import D_MIN, GRID, LAYER_MIN
 
 VERSION = 2
-"""Version of the format; others are refused."""
+"""Version of the policy file format; files of another version are refused."""
 MAX_BYTES = 64 * 1024 * 1024
 MEMBERS = ("version", "kind", "actions", "numbers", "table", "grid", "shown", "provenance", "digest")
 KINDS_BY_NAME = {name: kind for kind, name in KIND_NAMES.items()}
@@ -47,7 +47,7 @@ def content_of(policy: Policy) -> bytes:
 
 
 def digest_of(held: Mapping[str, NDArray[Any]]) -> str:
-    """Return the sha256 of all members of a policy file but its digest, so that a change by hand shows.
+    """Return the sha256 of all members of a policy file but its digest, which reveals a change by hand.
 
     `held`: arrays by the name of the member, of any shape and unit.
     """
@@ -59,7 +59,7 @@ def digest_of(held: Mapping[str, NDArray[Any]]) -> str:
 
 
 def save(policy: Policy, path: Path) -> str:
-    """Write a policy file, complete or not at all, and return its sha256."""
+    """Write a policy file atomically, and return its sha256."""
     content = content_of(policy)
     with whole(path) as part:
         part.write_bytes(content)
@@ -67,7 +67,7 @@ def save(policy: Policy, path: Path) -> str:
 
 
 def load_policy(path: Path, actions: tuple[str, ...] | None = None) -> Policy:
-    """Return the policy of a file.
+    """Return the policy stored in a file.
 
     Args:
         path: the file.
@@ -86,7 +86,7 @@ def load_policy(path: Path, actions: tuple[str, ...] | None = None) -> Policy:
 
 
 def parse(content: bytes, name: str, where: str, actions: tuple[str, ...] | None = None) -> Policy:
-    """Return the policy in the bytes of a file.
+    """Return the policy in the bytes of a policy file.
 
     Args:
         content: bytes of the file.

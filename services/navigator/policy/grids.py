@@ -10,8 +10,9 @@ from surefoot.arrays import Array, Record
 from surefoot.kernels.jit import row_kernel
 
 D_MIN, D_MAX, LAYER_MIN, LAYER_MAX, MIRRORED, PER_M = 0, 1, 2, 3, 4, 5
-"""Elements of a grid: d of the first and last row (m), value of the first and last layer, 1 = layers mirror (-1:
-bearings do), and the value that each m beyond the last row adds."""
+"""Indices of a grid's elements. `D_MIN`, `D_MAX`: distance of the first and last row, m; `LAYER_MIN`, `LAYER_MAX`:
+value of the first and last layer; `MIRRORED`: 1 = layers mirror, -1 = bearings do; `PER_M`: value that each m beyond
+the last row adds."""
 GRID = 6
 
 

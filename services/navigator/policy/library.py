@@ -17,12 +17,12 @@ NAMES = ("hand", "tuned", "steer", "planner", "sarsa")
 
 
 def known() -> tuple[str, ...]:
-    """Return the names of policies that can be asked for, those of shipped files included."""
+    """Return the names of all policies that can be requested, shipped files included."""
     return (*NAMES, *shipped())
 
 
 def find(name: str, model: NavigationModel, world: Arrays | None = None, *, any_model: bool = False) -> Policy:
-    """Return a policy for a model.
+    """Return the policy of a name or file for a navigation model.
 
     Args:
         name: `hand` (35 deg), `tuned`, `steer`, `planner` (computed for the model, about 1 s, if no file for it ships),
@@ -59,7 +59,7 @@ def find(name: str, model: NavigationModel, world: Arrays | None = None, *, any_
 
 
 def _for_model(policy: Policy, model: NavigationModel, world: Arrays, any_model: bool) -> Policy:
-    """Return a policy of a file for a model: itself, or computed anew for the model if it is a planner's.
+    """Return a stored policy for a model: unchanged, or computed anew for the model if it is a planner's.
 
     Raises:
         Refusal: its table was learned for another model, and `any_model` is False.
@@ -85,7 +85,7 @@ def _if_for(path: Path, actions: tuple[str, ...]) -> Policy | None:
 
 
 def provenance_of(model: NavigationModel, name: str, **more: str) -> dict[str, str]:
-    """Return where a policy comes from, by key: its name, model and hash of the model, action set, version of surefoot.
+    """Return the origin of a policy by key: its name, model and hash of the model, action set, version of surefoot.
 
     `more`: further texts by key.
     """

@@ -27,7 +27,8 @@ Kind = Literal["stand", "turn", "walk"]
 
 KINDS: tuple[Kind, ...] = ("stand", "turn", "walk")
 DETOUR = 1.16
-"""Actions to a goal per straight step: 58 for 5 m in 10 cm steps, rotations included (paper's robot)."""
+"""Number of actions to a goal per step of a straight walk there, rotations included: 58 for 5 m in 10 cm steps (robot
+of Osswald et al.)."""
 
 
 class Scene(ModelPart):
@@ -58,7 +59,7 @@ class Scene(ModelPart):
 
 
 class Drift(ModelPart):
-    """Turning that no command asked for, in proportion to the way walked."""
+    """Heading drift: unwanted turning in proportion to the distance walked."""
 
     kind: Literal["sign", "normal"] = Field(
         default="sign", description="sign: +-value, at random per episode; normal: drawn with this standard deviation"
@@ -75,7 +76,7 @@ class Drift(ModelPart):
 
 
 class SightModel(ModelPart):
-    """Sight of a frame; an action may override its footprint and probability."""
+    """Detection of landmarks in a camera frame; an action may override its footprint and probability."""
 
     range_min: NotNegative = Field(default=0.15, description="m, nearest landmark in view")
     range_max: Positive = Field(default=0.95, description="m, farthest")
@@ -98,7 +99,7 @@ class SightModel(ModelPart):
 
 
 class ActionModel(ModelPart):
-    """One action of the robot."""
+    """Action of the robot: motion, duration, camera frames and noise."""
 
     kind: Kind = Field(description="stand, turn on the spot, or walk (straight or on an arc)")
     forward: float = Field(default=0.0, ge=0, le=1, description="m")
@@ -124,7 +125,7 @@ class Filter(ModelPart):
 
 
 class Guards(ModelPart):
-    """Limits of runs of the same decision, for every policy."""
+    """Limits of repeated decisions (stands or turns in a row), for every policy."""
 
     stands: int = Field(default=15, ge=1, description="stands in a row, then the robot must move")
     turns: int = Field(
@@ -187,7 +188,7 @@ class NavigationModel(ModelPart):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the actions in use, in the order of all arrays."""
+        """Names of the actions of the set in use, in the order of all arrays."""
         return self.action_sets[self.use]
 
     @property
@@ -196,7 +197,7 @@ class NavigationModel(ModelPart):
         return tuple(self.actions[name] for name in self.names)
 
     def sha256(self) -> str:
-        """Hash of every value that a policy depends on: not names, odometry, conduct and course of the drift."""
+        """Hash of all values that policies depend on: not names, odometry, conduct and course of the drift."""
         left_out: Any = {"name": True, "extends": True, "odometry": True, "conduct": True, "drift": {"course"}}
         if self.sight.standing_tilt_keep is None:  # hashes from before this field stay valid
             left_out["sight"] = {"standing_tilt_keep"}

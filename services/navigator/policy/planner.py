@@ -1,4 +1,4 @@
-"""Value iteration for a robot with a drift on its way to a goal, pose and drift known.
+"""Value iteration for a robot with heading drift on its way to a goal, with pose and drift known.
 
 V(d, phi, b) = max_a { -dt_a + mean_k [s'_k not in the goal] V(s'_k) }, s'_k the state after action a with noise sample
 k; d and phi as in (4) and (5) of Osswald et al., b the drift. V is kept for each kind of last action that makes a
@@ -41,18 +41,18 @@ class PlanRoom(NamedTuple):
     """Constants of the value iteration that computes a planner's table."""
 
     groups: Ints
-    """Index of the values to use after an action of kind 0 stand, 1 turn, 2 walk, (3,); kinds alike in costs share one.
-    """
+    """Index of the value table to use after an action of kind 0 stand, 1 turn, 2 walk, (3,); kinds with equal switching
+    times share one."""
     samples: Array
-    """Standard normal samples of the motion noise: along, across, heading, (k, 3)."""
+    """Standard normal samples of the motion noise: along, across, heading, (k, 3), no unit."""
     drifts: Array
-    """Layers of drift, rad per m, (nb,)."""
+    """Heading drift of each layer of the value table, rad per m, (nb,)."""
     radius: float
-    """Radius of the goal, m."""
+    """Distance from the goal within which it counts as reached, m."""
     d_max: float
-    """Largest distance of the goal in the table, m."""
+    """Largest distance to the goal in the value table, m."""
     per_m: float
-    """Seconds that a metre beyond the largest distance takes."""
+    """Time that each metre beyond the table's largest distance adds, s."""
 
 
 @free_kernel
@@ -60,8 +60,8 @@ def _motions(actions: Record, drift: float, samples: Array, moved: Array) -> Non
     """Write the motion of each action and noise sample: forward and left, m, and turn, rad, into `moved` (A, k, 3).
 
     Args:
-        actions: of the model, a record each: way, turn and variances of the motion are read, (A,).
-        drift: turn per way, rad per m.
+        actions: of the model, a record each: distance, turn and variances of the motion are read, (A,).
+        drift: turn per distance walked, rad per m.
         samples: standard normal deviations along, across and of the heading, (k, 3).
         moved: written, in the axes of the robot before the action.
     """
@@ -110,7 +110,7 @@ def _mean_after(v: Array, gx: float, gy: float, moved: Array, room: PlanRoom) ->
 
 @free_kernel
 def _sweep(v: Array, q: Array, actions: Record, switching: Array, room: PlanRoom) -> float:
-    """Update the values once, places near the goal first; return the largest change, s.
+    """Update all values once, from near the goal outwards; return the largest change, s.
 
     Args:
         v: values of a state by kind of the last action, drift, distance and bearing, (groups, nb, nd, nphi) s, changed.
@@ -202,7 +202,7 @@ def plan(
 
 
 def _priced(actions: Record) -> Record:
-    """Return the actions, a record each, (A,), `seconds` raised for seeing less than the one that sees most."""
+    """Return the action records, (A,), with `seconds` raised for those that see less than the best one."""
     out, best = actions.copy(), 0.0
     for row in actions:
         best = max(best, float(row.match)) if row.kind != slots.STAND else best
@@ -213,7 +213,7 @@ def _priced(actions: Record) -> Record:
 
 
 def _guess(world: Arrays, d: Array, nphi: int) -> Array:
-    """Return a start for V, (nd, nphi), s: turn to the goal, then walk to it; `d`: distances of the goal, (nd,) m."""
+    """Return initial values, (nd, nphi), s: turn to the goal, then walk; `d`: distances of the goal, (nd,) m."""
     turns = [row for row in world.tables.actions if row.forward == 0.0 and row.turn != 0.0]
     per_rad = min(row.seconds / abs(row.turn) for row in turns)
     phi = np.abs(-math.pi + np.arange(nphi) * (2.0 * math.pi / nphi))

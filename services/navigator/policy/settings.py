@@ -18,7 +18,7 @@ class ModelPart(Strict):
 
 
 class OdometryNoise(ModelPart):
-    """Standard deviations of `state/odometry` between two uses of it."""
+    """Standard deviations of `state/odometry` between two of its messages that the filter uses."""
 
     along: NotNegative = Field(default=0.03, description="part of a way of 10 cm, along and across; grows by its root")
     turn: NotNegative = Field(default=0.05, description="rad per root of a metre walked")
@@ -27,7 +27,7 @@ class OdometryNoise(ModelPart):
 
 
 class Conduct(ModelPart):
-    """Conduct of goals: times, tolerances, recoveries."""
+    """Settings of goal execution: times, tolerances, recoveries."""
 
     xy_goal_tolerance: Positive = Field(
         default=0.20,

@@ -17,12 +17,12 @@ from .state import BipedState, Mode
 REST_TICKS = 100  # of standing, after which the tilt counts as that of the quiet stance
 REST_GAIN = 0.02
 STRIDES = 1.0
-"""Time constant of the tilt that counts as usual while walking, in strides: the sway of a stride passes to a sixth,
-and floor, servos and the estimate's own bias are followed while the robot turns by 23 deg an action."""
+"""Time constant of the mean tilt that counts as usual while walking, in strides: the sway within a stride is damped to
+a sixth, while floor, servos and the estimate's bias are followed while the robot turns by 23 deg an action."""
 QUIET_RAD_S = 0.02
-"""Rate that the ankles of a standing robot do not answer, five times the noise of Nao's gyro. Answering to all, 4 of 62
-Naos trembled by 0.01 to 0.02 rad/s for good: servo, delay and gain swung by themselves, and no rest showed the gyro's
-bias."""
+"""Angular rate of a standing robot's trunk up to which the ankles do not react, rad/s: five times the noise of Nao's
+gyro. Without it 4 of 62 Naos kept trembling at 0.01 to 0.02 rad/s by servo, delay and gain, so that the gyro's bias was
+never measured."""
 FOLDED = (-1.0, 1.8, -0.9)  # rad, hip pitch, knee and ankle pitch of a robot that gives up
 
 
@@ -58,17 +58,17 @@ def watch(s: BipedState, p: BipedParams, inputs: WalkerInputs) -> bool:
 
 
 def felt_rate(s: BipedState) -> Array:
-    """Return the trunk's roll and pitch rate that the ankles counteract, (2,) rad/s; at a stand nearer to 0 by 0.02."""
+    """Return the trunk's roll and pitch rate that the ankles counteract, (2,) rad/s, with a dead zone at a stand."""
     if s.mode is not Mode.STAND:
         return s.rate
     return np.sign(s.rate) * np.maximum(0.0, np.abs(s.rate) - QUIET_RAD_S)
 
 
 def learn(s: BipedState, p: BipedParams, body: Array) -> None:
-    """Correct the gain of planned steps, `s.gain`, by the quotient of measured and planned way of the whole walk.
+    """Update the gain of planned steps, `s.gain`, by the ratio of measured to planned distance of the whole walk.
 
     Args:
-        s: state; its body pose is still that before the step; sums of ways and gains are changed in place.
+        s: state; its body pose is still that before the step; sums of distances and gains are changed in place.
         p: settings.
         body: x, y (m) and yaw (rad) of the body at the end of the step by plan, odom, (3,).
     """
@@ -86,7 +86,7 @@ def learn(s: BipedState, p: BipedParams, body: Array) -> None:
 
 
 def fold(s: BipedState, p: BipedParams, robot: Robot, g: LegGeometry) -> None:
-    """Bend the knees of a falling robot by one more tick with its feet where they are: it falls from less height.
+    """Bend the knees of a falling robot by one more tick, feet in place, so that it falls from less height.
 
     Args:
         s: state; clock and command are changed, and at the end the mode.

@@ -32,8 +32,8 @@ from .servos import SetPoints
 from .state import AcceptedCommand, BipedState, Mode
 
 LATE_TICKS = 25
-"""A command that comes later than this before the last landing does not begin until the robot stands: one in the last
-0.1 s that was laid into the plan at once toppled Nao."""
+"""Number of ticks before the last landing within which a new command waits until the robot stands: one in the last 0.1
+s that was laid into the plan at once toppled Nao."""
 STALE = "the estimate is stale or absent: the walk waits for it"
 
 
@@ -110,7 +110,7 @@ class BipedWalker:
         return CommandReply(True, s.walk_id)
 
     def _take_up(self, late: AcceptedCommand) -> None:
-        """Make a new command the present one from the next step on, with a new ZMP reference if steps are under way."""
+        """Make a new command the present one from the next step on; renew the ZMP reference if steps are under way."""
         s = self.state
         s.gait, s.late, walking = late.gait, None, late.route is not None
         self._take_params(self._params_of(late.gait))
@@ -138,7 +138,7 @@ class BipedWalker:
         return WalkMemory(s.walk_id, left and replace(left, learn=s.learning), None, s.began)
 
     def resume(self, kept: WalkMemory) -> None:
-        """Resume the stored walk after a restart, before the first tick: stance, closing step, rest of the walk."""
+        """Resume the stored walk after a restart, before the first tick: stance, closing step, remaining route."""
         s = self.state
         s.walk_id, s.began, s.recovering = kept.walk_id, kept.began, True
         if kept.command is not None:
@@ -204,7 +204,7 @@ class BipedWalker:
         s.mode = Mode.RISE
 
     def _stand(self) -> None:
-        """End stepping: stand with no step planned; the reference goes on to its end between the feet."""
+        """End stepping: stand with no step planned; the ZMP reference runs to its end between the feet."""
         s = self.state
         if s.mode is Mode.START:
             s.ref, s.row = s.ref[s.row : s.row + 1].copy(), 0
@@ -251,7 +251,7 @@ class BipedWalker:
                 self._take_up(s.late)
 
     def _ticks_left(self) -> int:
-        """Return the control ticks until the present step's touch-down, or until the first step begins."""
+        """Return the number of ticks until the present step's touch-down, or until the first step begins."""
         s = self.state
         if s.mode is Mode.START:
             return max(0, math.ceil(self.params.start_s / TICK_S - 1e-9) - s.clock)
@@ -344,7 +344,7 @@ class BipedWalker:
         return 0.5 * (self._support(feet, LEFT) + self._support(feet, RIGHT))
 
     def _soles(self) -> Array:
-        """Return both soles now, (2, 4): x, y in m, yaw in rad, height in m."""
+        """Return the present poses of both soles, (2, 4): x, y (m), yaw (rad), height (m), odom."""
         s = self.state
         soles = np.zeros((2, 4))
         soles[:, :3] = s.feet

@@ -1,4 +1,4 @@
-"""Legs of six joints in closed form: hip yaw, roll, pitch, knee, ankle pitch, roll; the yaw axis may be inclined.
+"""Inverse kinematics of legs with six joints: hip yaw, roll, pitch, knee, ankle pitch, roll; inclined yaw axis.
 
 With the hip yaw q1 about the unit axis u, R1 = rot(u, q1), p the ankle from the hip in base_link and p' = R1'p, a and b
 the lengths of thigh and shin, n the normal of the sole seen from the shin:
@@ -86,7 +86,7 @@ def _arms(robot: Robot) -> set[int]:
 
 @kernel
 def leg_angles(g: LegGeometry, leg: int, yaw: float, ankle: Array, rot: Array) -> tuple[Array, float, bool]:
-    """Return the angles of a leg that bring ankle and sole to a place, at a given hip yaw.
+    """Return the joint angles, rad, of a leg that bring ankle and sole to a pose, at a given hip yaw.
 
     Args:
         g: geometry of both legs.
@@ -140,7 +140,7 @@ def leg_angles(g: LegGeometry, leg: int, yaw: float, ankle: Array, rot: Array) -
 
 @kernel
 def _mismatch(g: LegGeometry, legs: int, yaw: float, ankles: Array, rots: Array) -> float:
-    """Return the yaw left over, rad: of one sole, or the difference of both where they share a motor (legs = 2).
+    """Return the remaining yaw error, rad: of one sole, or the difference of both if they share a motor (legs = 2).
 
     Args:
         g: geometry of the legs.
@@ -168,7 +168,7 @@ def _solve_yaw(g: LegGeometry, legs: int, start: float, ankles: Array, rots: Arr
 
 @kernel
 def legs_ik(g: LegGeometry, q: Array, ankles: Array, rots: Array) -> tuple[float, bool]:
-    """Write into q the angles that bring both ankles and soles where they should be; return what is missed.
+    """Write the angles that bring both ankles and soles to their poses into q; return the remaining error.
 
     Args:
         g: geometry of both legs.

@@ -20,14 +20,15 @@ from .plan import smooth
 from .state import BipedState, Mode
 
 HEIGHT = 0.5
-"""Part, 0 to 1, of the height by which a lean misplaces the foot that is made up for. The tilt's own error of half a
+"""Part, 0 to 1, of the foot's height error by a leaning trunk that is compensated. The tilt's own error of half a
 degree is 1 mm between the feet: with 1.0 two of 24 robots of 1.5 times the usual scatter fall, with 0.3 to 0.7 none."""
 TOUCH = 0.6
-"""Part of the swing from which on a touch is a landing; before it the foot may still be leaving the floor."""
+"""Phase of the swing, 0 to 1, above which a contact counts as a landing; before it the foot may still be leaving the
+floor."""
 
 
 def set_down(s: BipedState, p: BipedParams, soles: Array, double: int) -> tuple[Array, Array]:
-    """Return the soles of this tick, the swinging or landed one corrected for the tilt of the trunk, and their turns.
+    """Return the soles of this tick, the swinging or landed one corrected for trunk tilt, and their turns.
 
     Args:
         s: state; its landing is updated.

@@ -9,82 +9,82 @@ from ..commands import Abilities, ArcLimits
 from ..settings import settings_of
 
 GAITS = ("zmp", "quick")
-"""Names of the gaits; the first is the usual one."""
+"""Names of the biped's gaits; the first is the default."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BipedParams:
-    """Gait, limits and reactions of the walker.
+    """Gait, limits and reactions of the biped walker.
 
     Fields without a default come from `[gait]` of the robot description, which may also change those with one.
     """
 
     step_s: float
-    """Duration of a step of the biped, s."""
+    """Duration of a step of the default gait, s."""
     step_m: float
     """Advance of the body in one step at the gait's own speed, m; a foot moves twice as far."""
     lift_m: float
-    """Step height: top of the swing over the floor, m."""
+    """Step height: largest height of the swinging sole above the floor, m."""
     crouch: float
-    """Hip height over the ankles as part of the leg's length, 0..1."""
+    """Height of the hips above the ankles in the stance, as a part of the leg's length, 0..1."""
     zmp_y_m: float
-    """ZMP (zero-moment point) of single support, from the ankle towards the other foot, m."""
+    """Planned ZMP (zero-moment point) in single support: distance from the ankle towards the other foot, m."""
     zmp_x_m: float = 0.0
-    """ZMP (zero-moment point) of single support, ahead of the ankle, m."""
+    """Planned ZMP (zero-moment point) in single support: distance ahead of the ankle, m."""
     quick_s: float = 0.4
     """Duration of a step of the gait `quick`, s."""
     quick_m: float = 0.030
     """Advance of the body in one step of the gait `quick`, m."""
     max_step_m: float = 0.060
-    """Longest advance of the body in one step, m."""
+    """Largest advance of the body in one step, m."""
     turn_step_rad: float = math.radians(11.5)
-    """Change of heading in one step, rad."""
+    """Change of heading in one step at the gait's own speed, rad."""
     max_turn_rad: float = math.radians(15.0)
     """Largest change of heading in one step, rad."""
     double: float = 0.25
-    """Part of a step with both feet down, 0..1."""
+    """Part of a step's duration with both feet down, 0..1."""
     lean_rad: float = 0.0
-    """Pitch of the trunk, rad."""
+    """Pitch of the trunk while it stands and walks, rad, forward positive."""
     start_s: float = 1.0
-    """Time of standing before the first step, in which the weight shifts, s."""
+    """Duration of standing before the first step of a walk, in which the weight shifts, s."""
     rise_s: float = 1.0
-    """Time from the measured joints to the stance, s."""
+    """Duration of the movement from the measured joint angles to the stance at start-up, s."""
     sag: float = 1.0
-    """Part of the servos' compliance (torque / kp) that the set-points lead by, 0..1."""
+    """Part of the servos' compliance (torque / kp) that the set-points compensate, 0..1."""
     lag: float = 1.0
-    """Part of the servos' velocity lag (joint rate times kv / kp) that the set-points lead by, 0..1."""
+    """Part of the servos' velocity lag (joint rate times kv / kp) that the set-points compensate, 0..1."""
     lag_limit: float = 6.0
-    """Largest joint rate for which the servos' lag is made up in advance, rad/s."""
+    """Joint rate to which the compensation of the servos' lag is limited, rad/s."""
     gyro_s: float = 0.05
-    """Gain from the trunk's rate to the ankle's set-point, rad per rad/s."""
+    """Feedback gain from the trunk's angular rate to the ankle's set-point, rad per rad/s."""
     gyro_smooth: float = 0.5
-    """Part of the last rate that its smoothing keeps in each tick, 0..1."""
+    """Weight of the previous value in the smoothing of the trunk's angular rate in each tick, 0..1."""
     slow_from_rad: float = math.radians(3.0)
-    """Peak of the unplanned tilt in a step from which on the next one becomes shorter, rad."""
+    """Peak of the unplanned trunk tilt in a step above which the next step becomes shorter, rad."""
     slow_full_rad: float = math.radians(8.0)
-    """Peak of the unplanned tilt in a step from which on the next one goes nowhere, a step on the spot, rad."""
+    """Peak of the unplanned trunk tilt in a step from which on the next step is one on the spot, rad."""
     falling_rad: float = math.radians(30.0)
-    """Unplanned tilt from which on the robot is lost and folds, rad."""
+    """Unplanned trunk tilt above which the robot counts as falling and folds, rad."""
     fold_s: float = 0.4
-    """Time in which a falling robot bends its knees, s."""
+    """Duration in which a falling robot bends its knees, s."""
     learn: float = 0.5
-    """Part of the difference between odometry and plan learned in each step, 0..1; 0 = none."""
+    """Part of the deviation of odometry from plan that is learned in each step, 0..1; 0 = none."""
     learn_limit: float = 0.3
-    """Largest learned difference of a step from its plan, as a share of the plan."""
+    """Largest learned deviation of a step's size from its plan, as a part of the plan, 0..1."""
     stale_s: float = 0.1
-    """Age of estimates beyond which the walk waits, s."""
+    """Age of the estimate above which the walk pauses until a newer one comes, s."""
     close_m: float = 0.003
-    """Distance of a foot from its place below which it needs no closing step, m."""
+    """Distance of a foot from its place in the stance below which it needs no closing step, m."""
     close_rad: float = 0.01
-    """Turn of a foot from its place below which it needs no closing step, rad."""
+    """Turn of a foot from its heading in the stance below which it needs no closing step, rad."""
 
     @classmethod
     def for_robot(cls, robot: Robot, **changes: object) -> "BipedParams":
-        """Return the robot's own settings with some changed (raises RobotError)."""
+        """Return the robot's own settings with the stated ones changed (raises RobotError)."""
         return settings_of(cls, robot, changes)
 
 
 def abilities(params: BipedParams) -> Abilities:
-    """Return what a biped can do with these settings of a gait."""
+    """Return the abilities of a biped with these settings of a gait."""
     arcs = ArcLimits(params.step_m, params.step_s, params.max_turn_rad)
     return Abilities(GAITS, params.max_step_m / params.step_s, arcs=arcs)

@@ -24,7 +24,7 @@ def placed(body: Array, side: int, width: float) -> Array:
 
 
 def advanced(body: Array, forward: float, left: float, turn: float) -> Array:
-    """Return a body pose after a turn, rad, and then a way `forward` and `left`, m, along the new heading.
+    """Return a body pose after a turn, rad, and then a movement `forward` and `left`, m, along the new heading.
 
     `body` and result: x, y (m), yaw (rad), odom, (3,).
     """
@@ -79,14 +79,14 @@ def reference(points: Array, ticks: Array, double: Array) -> Array:
 
 @kernel
 def smooth(s: float) -> float:
-    """Return 10 s^3 - 15 s^4 + 6 s^5, s clipped to 0..1: no speed and no acceleration at the ends."""
+    """Return 10 s^3 - 15 s^4 + 6 s^5, s clipped to 0..1: from 0 to 1 with zero slope and curvature at the ends."""
     s = min(1.0, max(0.0, s))
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
 @kernel
 def swing(begin: Array, end: Array, s: float, lift: float) -> Array:
-    """Return the foot at swing phase s in [0, 1], (4,): x, y (m), yaw (rad), height (m), `lift` m high midway.
+    """Return the foot at swing phase s in [0, 1], (4,): x, y (m), yaw (rad), height (m), with apex `lift` m midway.
 
     begin, end: x, y (m), yaw (rad) at lift-off and landing, odom, (3,).
     """

@@ -29,7 +29,7 @@ def _rotation(roll: float, pitch: float, yaw: float, out: Array) -> None:
 
 @kernel
 def pose_legs(g: LegGeometry, q: Array, feet: Array, trunk: Array, tilt: Array) -> tuple[float, bool, Array]:
-    """Write into q the leg angles for feet and trunk in odom; return what is missed, and the trunk's rotation.
+    """Write the leg angles for feet and trunk in odom into q; return the remaining error and the trunk's rotation.
 
     Args:
         g: geometry of both legs.
@@ -88,7 +88,7 @@ def place_com(
 def load_torques(
     model: KinematicModel, q: Array, rot: Array, trunk: Array, push: Array, share: Array, zmp: Array
 ) -> Array:
-    """Return the torques that hold the robot while it accelerates, (nj,) Nm: G(q) - J'f, links as point loads.
+    """Return the joint torques that hold the accelerating robot, (nj,) Nm: G(q) - J'f, links as point masses.
 
     G(q) are the torques by the weight and inertia of the links, f the force on a foot and J the Jacobian of its point.
 
@@ -130,7 +130,7 @@ def load_torques(
 
 @kernel
 def load_share(zmp: Array, feet: Array) -> Array:
-    """Return the part of the load on each foot, left and right, (2,), 0 to 1, by the place of the ZMP between them.
+    """Return the share of the load on the left and right foot, (2,), 0 to 1, by the ZMP's position between them.
 
     w_left = clip((z - p_right).d / d.d, 0, 1), d = p_left - p_right. `zmp`: z, zero-moment point, (2,) m, odom; `feet`:
     left and right foot, their columns beginning with x, y, p, (2, 2 or more) m, odom.

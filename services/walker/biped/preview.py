@@ -21,7 +21,7 @@ DOUBLINGS = 40
 
 
 class PreviewGains(NamedTuple):
-    """Gains for one height of the CoM."""
+    """Gains of the preview controller for one CoM height."""
 
     integral: float  # G_I
     state: Array  # (3,) G_x

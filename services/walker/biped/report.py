@@ -1,4 +1,4 @@
-"""Outputs of the biped walker in each tick."""
+"""Outputs of the biped walker in a tick."""
 
 import math
 
@@ -13,7 +13,7 @@ from .state import BipedState, Mode
 
 
 def walk_state(s: BipedState) -> WalkState:
-    """Return the state of the walk to publish; that of a fallen robot is `refused`, with the fall as the reason."""
+    """Return the state of the walk to publish; a fallen robot's is `refused`, with the fall as the reason."""
     if s.mode in (Mode.FOLD, Mode.FALLEN):
         return "refused"
     if s.mode in (Mode.WAIT, Mode.RISE) or not s.calibrated:
@@ -29,7 +29,7 @@ def walk_state(s: BipedState) -> WalkState:
 
 
 def ends_in_s(s: BipedState, p: BipedParams, ticks_left: int) -> float | None:
-    """Return the time until the last planned step of the present command lands, s; None if none is under way.
+    """Return the time until the last planned step of the present command lands, s; None = no command is under way.
 
     None also in the closing step, which follows the last planned one.
 
@@ -56,7 +56,7 @@ def ends_in_s(s: BipedState, p: BipedParams, ticks_left: int) -> float | None:
 def outputs(
     s: BipedState, soles: Array, phase: float, double: bool, height: float, ends: float | None = None
 ) -> WalkerOutputs:
-    """Return the outputs of a tick.
+    """Return the outputs of the biped walker in a tick.
 
     Args:
         s: state.

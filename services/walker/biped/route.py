@@ -17,7 +17,7 @@ MAX_AHEAD = 32
 
 
 class Footstep(NamedTuple):
-    """One step: swinging foot, its landing, and the body pose it belongs to."""
+    """Planned step: swinging foot, its landing, and the body pose that belongs to it."""
 
     swing: int
     target: Array  # (3,) x, y, yaw
@@ -25,7 +25,7 @@ class Footstep(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """Both feet on the floor, and the one that swings next."""
+    """Poses of both feet on the floor, and the foot that swings next."""
 
     feet: Array  # (2, 3) x, y in m, yaw in rad, odom
     body: Array  # (3,) body pose they belong to
@@ -37,35 +37,35 @@ class BipedRoute:
     """Remaining part of a walk command: straight line, arc or turn on the spot, with the size of a step."""
 
     forward: float
-    """Way still to go, m, negative = backward; inf = until another command."""
+    """Remaining distance, m, negative = backward; inf = until another command."""
     turn: float
-    """Angle still to turn, rad."""
+    """Remaining change of heading, rad, left positive."""
     step: float
-    """Signed advance of a full step, m."""
+    """Advance of the body in a full step, m, negative = backward."""
     step_turn: float
-    """Turn of a full step, rad."""
+    """Change of heading in a full step, rad, left positive."""
     walk_id: int
     turning: bool
-    """True if the robot turns on the spot."""
+    """True if the robot turns on the spot, False if it walks straight or along an arc."""
     longest: float = math.inf
-    """Largest advance of a step, m."""
+    """Largest advance of the body in one step, m."""
     widest: float = math.inf
-    """Largest turn of a step, rad."""
+    """Largest change of heading in one step, rad."""
 
     @property
     def remaining(self) -> float:
-        """Way still to go, m, or angle of a turn on the spot, rad; 0 for an endless walk."""
+        """Remaining distance, m, or angle of a turn on the spot, rad; 0 for an endless walk."""
         left = abs(self.turn) if self.turning else abs(self.forward)
         return left if math.isfinite(left) else 0.0
 
     @property
     def finished(self) -> bool:
-        """True if nothing of the command is left to walk."""
+        """True if nothing of the command remains to be walked."""
         return abs(self.forward) < DONE and (abs(self.turn) < DONE or not self.turning)
 
     @property
     def steps(self) -> float:
-        """Number of full steps that are left; inf of an endless walk."""
+        """Number of remaining full steps; inf for an endless walk."""
         if self.finished:
             return 0.0
         part = abs(self.forward / self.step) if abs(self.step) > 0.0 else abs(self.turn / self.step_turn)
@@ -83,7 +83,7 @@ class BipedRoute:
         return MotionCommand("walk", distance, self.step / step_s, angle, gait, duration)
 
     def next(self, scale: float) -> tuple[float, float, "BipedRoute"]:
-        """Return way (m) and turn (rad) of the next step, and the route after it; `scale`, 0 to 1, shortens the step.
+        """Return distance (m) and turn (rad) of the next step, and the route after it; `scale`, 0 to 1, shortens it.
 
         After shortened steps less than 0.2 of a step may be left: the last step includes it if it may be so long, else
         it is dropped, for it would cost the time of a whole step.
@@ -104,7 +104,7 @@ class BipedRoute:
 
 
 def route_of(command: MotionCommand, params: BipedParams, walk_id: int) -> BipedRoute:
-    """Return the route of a command, in equal steps that end exactly where the command does."""
+    """Return the route of a command, divided into equal steps that end exactly where the command does."""
     most = params.max_step_m, params.max_turn_rad
     if command.action == "turn":
         angle = command.angle or 0.0
@@ -138,7 +138,7 @@ def first_swing(route: BipedRoute, feet: Array) -> int:
 def upcoming(
     route: BipedRoute | None, now: Standing, params: BipedParams, width: float, scale: float, gain: Array, ticks: int
 ) -> list[Footstep]:
-    """Return the next footsteps: at least `ticks` control ticks of them, or all to the closing step of the walk.
+    """Return the next footsteps: those of at least `ticks` control ticks, or all up to the closing step of the walk.
 
     Args:
         route: remaining route; None = only bring the feet together.
@@ -146,7 +146,7 @@ def upcoming(
         params: settings.
         width: half distance of the feet, m.
         scale: shortens the first step, 0..1.
-        gain: (2,) quotient of measured and planned way, and of measured and planned turn: the plan is divided by it.
+        gain: (2,) ratio of measured to planned distance, and of measured to planned turn: the plan is divided by it.
         ticks: length of the preview.
     """
     steps: list[Footstep] = []
@@ -174,7 +174,7 @@ def together(feet: Array, body: Array, width: float, params: BipedParams) -> boo
 
 
 def apart(foot: Array, wanted: Array, params: BipedParams) -> bool:
-    """Return True if a foot is away from its wanted place, both x, y (m), yaw (rad), (3,), beyond closing limits."""
+    """Return True if a foot is farther from its wanted pose, both x, y (m), yaw (rad), (3,), than closing limits."""
     turn = foot[2] - wanted[2]
     return bool(
         math.hypot(foot[0] - wanted[0], foot[1] - wanted[1]) > params.close_m

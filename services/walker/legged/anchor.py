@@ -1,4 +1,4 @@
-"""Pose of the planned trunk and feet in the map: from measured joints at the start, from the estimate at each step.
+"""Alignment of planned trunk and feet with the map: from measured joints at the start, from the estimate at each step.
 
 Placing the plan anew moves trunk and feet together, so the feet keep their place in the trunk frame and no joint moves.
 """
@@ -47,10 +47,10 @@ def begin(state: WalkerState, robot: Robot, inputs: WalkerInputs) -> None:
 
 
 def lay_over(state: WalkerState, params: WalkerParams, ground: Ground | None, inputs: WalkerInputs) -> None:
-    """Move planned trunk and feet to the estimated pose and tilt, and part of the way to the heights of the map.
+    """Align planned trunk and feet with the estimated pose and tilt, and in part with the heights of the map.
 
     Trunk and feet move together, so the feet keep their place in the trunk frame. `state` is changed in place; `ground`
-    None: no heights are taken out.
+    None: no height errors are corrected.
     """
     s, limit = state, params.level_limit_rad
     old = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
@@ -102,7 +102,7 @@ def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> No
 
 
 def placed(state: WalkerState, inputs: WalkerInputs) -> WalkerInputs:
-    """Return the inputs with the pose of the odometry expressed in the map.
+    """Return the inputs with the odometry pose expressed in frame map.
 
     An estimator that is started again begins at the start pose, wherever the robot is. The robot rests meanwhile, so it
     stands where the plan has it: that pose defines the new offset of odom in the map. The learned error of the tilt is

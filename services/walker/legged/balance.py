@@ -1,4 +1,4 @@
-"""Reactions of the walker to a step that leaves too little static margin.
+"""Reactions of the walker to a step with too small a static margin.
 
 In this order: the trunk moves over the feet that will stand while all of them still do; a gait that lifts fewer legs;
 a shorter step, of a leaning gait another leg; refusal. The gait of the command returns after one cycle of the other.
@@ -70,7 +70,7 @@ def hull_edges(ring: Array) -> tuple[Array, Array]:
 
 
 def shift_into(reply: StanceVerdict, wanted: float) -> Array | None:
-    """Return the shortest shift of the centre of mass, (2,) m, map, for a margin `wanted`, m; None: there is none.
+    """Return the shortest shift of the centre of mass, (2,) m, map, to a margin `wanted`, m; None = no such shift.
 
     The margin holds before and after the movement. Where the region has no room for it, a part of it is taken.
     """
@@ -123,7 +123,7 @@ def react(state: WalkerState, frame: PlanningContext, begin: BodyPose, reply: St
 
 
 def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Array) -> bool:
-    """Set the goal of the trunk as near to the shifted place as all legs reach; return True if there is one.
+    """Set the trunk's goal as near to the shifted position as all legs reach; return True if there is one.
 
     `shift`: from the pose `begin`, (2,) m, frame map; cut to the longest movement that the settings allow.
     """
@@ -140,14 +140,14 @@ def _aim(state: WalkerState, frame: PlanningContext, begin: BodyPose, shift: Arr
 
 
 def _head_for(state: WalkerState, goal: Array) -> None:
-    """Set the goal of the trunk, (2,) m, frame map; feet that touch now may look for the ground anew before it."""
+    """Set the trunk's goal, (2,) m, frame map; feet in contact may again be lowered by the full search depth."""
     state.goal = goal
     state.hanging[state.contacts] = 0
     state.sunk[state.contacts] = 0.0
 
 
 def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], place: BodyPose) -> BodyPose:
-    """Return the pose of the trunk whose centre of mass is over the feet that stand while `legs` swing.
+    """Return the trunk pose with the centre of mass over the feet that stand while `legs` swing.
 
     It is the pose nearest to the present lean at which the centre of mass has the margin `lean_margin_m` in the hull of
     these feet, or a part of that margin where the hull has no room.
@@ -177,7 +177,7 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
 
 
 def upright(state: WalkerState, place: BodyPose) -> bool:
-    """Return True if the trunk leans to one side; then set `place`, where it would be without, as its next goal."""
+    """Return True if the trunk leans to one side; then set `place`, its position without leaning, as its goal."""
     leans = math.hypot(state.lean[0], state.lean[1]) >= LEAST_SHIFT
     if leans:
         _head_for(state, np.array([place.x, place.y]))
@@ -186,7 +186,7 @@ def upright(state: WalkerState, place: BodyPose) -> bool:
 
 
 def lean_time(begin: BodyPose, end: BodyPose, params: WalkerParams) -> float:
-    """Return the time T of a trunk movement over all feet, s: the way d, m, is covered as 3 a^2 - 2 a^3, a = t / T.
+    """Return the duration T of a trunk movement over all feet, s; the distance d, m, follows 3 a^2 - 2 a^3, a = t / T.
 
     Its largest acceleration, 6 d / T^2 at the beginning, is `params.lean_acceleration`; T is at least `params.lean_s`.
     """
@@ -227,7 +227,7 @@ def stand_at(state: WalkerState, frame: PlanningContext, now: BodyPose, shift: t
 
 
 def lagging(state: WalkerState, frame: PlanningContext) -> int:
-    """Return the index of the group of legs that swings first: that farthest from neutral; feet just landed count 0."""
+    """Return the index of the group of legs that swings first: that farthest from neutral; just landed feet count 0."""
     off = state.footholds[:, :2] - state.body[:2] - planning.rotated(state.yaw, frame.neutral)
     far = np.hypot(off[:, 0], off[:, 1])
     far[list(state.swung)] = 0.0
@@ -247,6 +247,6 @@ def relax(state: WalkerState, frame: PlanningContext) -> None:
 
 
 def usual(state: WalkerState, gait: GaitPattern) -> None:
-    """Set the gait that a command asks for, also as the one to return to after a careful gait."""
+    """Set the gait that a command requests, also as the one to return to after a careful gait."""
     state.gait = state.usual = gait
     state.group %= gait.steps_per_cycle

@@ -110,7 +110,7 @@ class LeggedWalker:
         return WalkMemory(s.walk_id, route.command, route.start, route.began, s.offset)
 
     def resume(self, kept: WalkMemory) -> None:
-        """Resume the stored walk after a restart, before the first tick: feet down, to neutral, then the way left."""
+        """Resume the stored walk after a restart, before the first tick: feet down, to neutral, remaining route."""
         s = self.state
         route = None if kept.command is None else LeggedRoute(kept.command, kept.start, kept.walk_id, kept.began)
         s.walk_id, s.route, s.offset, s.recovering = kept.walk_id, route, kept.offset, True
@@ -234,7 +234,7 @@ class LeggedWalker:
         s.swung = legs
 
     def _closing_group(self) -> tuple[int, ...]:
-        """Return the group of legs farthest from neutral, each group once; empty when all are near enough."""
+        """Return the legs of the group farthest from neutral, each group once; empty when all are near enough."""
         s = self.state
         place = self._place()
         wanted = planning.rotated(s.yaw, self.frame.neutral) + np.array([place.x, place.y])
@@ -247,7 +247,7 @@ class LeggedWalker:
         return worst
 
     def _plan(self, legs: tuple[int, ...], place: BodyPose, after: Advance) -> planning.StepPlan | None:
-        """Return the plan of a step of `legs`, with footholds and safety asked for; None when the step cannot be taken.
+        """Return the plan of a step of `legs`, with requested footholds and checks; None when it cannot be taken.
 
         `place`: of the trunk at its end without leaning; `after`: movement of the trunk in each step after it. The
         reason of a None, and what the next try should change (scale, height, goal), are written to the state.
@@ -309,7 +309,7 @@ class LeggedWalker:
         return BodyPose(float(s.body[0]), float(s.body[1]), float(s.body[2]), s.yaw)
 
     def _place(self) -> BodyPose:
-        """Return the place of the trunk in the gait: where it would be without leaning over the standing feet."""
+        """Return the position of the trunk in the gait: where it would be without leaning over the standing feet."""
         s = self.state
         x, y = s.body[:2] - planning.rotated(s.yaw, s.lean[None])[0]
         return BodyPose(float(x), float(y), float(s.body[2]), s.yaw)

@@ -20,7 +20,7 @@ NORMAL_ROUNDS = 4
 
 
 class Rectangle(NamedTuple):
-    """Rectangle on the floor: middle, heading and half edges, frame map."""
+    """Rectangle on the floor: centre, heading and half edge lengths, frame map."""
 
     x: float  # m, of its middle
     y: float  # m
@@ -31,7 +31,7 @@ class Rectangle(NamedTuple):
 
 @kernel
 def box_max(z: Heights, cell: float, x0: float, y0: float, under: Rectangle) -> float:
-    """Return the height of the highest cell whose centre lies in a rectangle, m; NaN if it holds no known cell.
+    """Return the height of the highest cell with its centre in a rectangle, m; NaN if it holds no known cell.
 
     Args:
         z: heights, (ny, nx) m, map, NaN = unknown; rows along y, columns along x.
@@ -115,9 +115,9 @@ class Ground:
     """Height layers of the terrain for the walker: filtered ground and foot centres; built once per map version."""
 
     surface: HeightMap
-    """Filtered ground heights."""
+    """Filtered heights of the ground, m, map frame."""
     centres: HeightMap
-    """Heights of a foot centre whose sphere rests on the ground."""
+    """Heights of the foot centre where the foot sphere rests on the ground, m, map frame."""
     version: int
 
     @classmethod

@@ -9,7 +9,7 @@ LF, LM, LH, RF, RM, RH = range(6)
 
 @dataclass(frozen=True, slots=True)
 class GaitPattern:
-    """Groups of legs that swing in turn; the others stand."""
+    """Gait: groups of legs that swing in turn, while all other legs stand."""
 
     name: str
     groups: tuple[tuple[int, ...], ...]
@@ -20,12 +20,12 @@ class GaitPattern:
 
     @property
     def steps_per_cycle(self) -> int:
-        """Steps until every leg has swung once."""
+        """Number of steps until every leg has swung once."""
         return len(self.groups)
 
     @property
     def lead(self) -> float:
-        """Distance ahead of neutral at which a foot lands, in steps of the trunk.
+        """Distance ahead of neutral at which a foot lands, in trunk advances of one step.
 
         A stance lasts `steps_per_cycle - 1` steps; landing half of that way ahead centres the stance on neutral.
         """
@@ -49,5 +49,5 @@ def crawl(robot: Robot) -> GaitPattern:
 
 
 def gaits_of(robot: Robot) -> dict[str, GaitPattern]:
-    """Return the gaits that a robot can walk, by name; the first is its own."""
+    """Return the gaits that a robot can walk, by name; the first is its default."""
     return HEXAPOD_GAITS if robot.kind == "hexapod" else {"crawl": crawl(robot)}

@@ -30,7 +30,7 @@ class PlanningContext:
     params: WalkerParams
     ground: Ground | None
     neutral: Array
-    """Feet of the neutral posture relative to the trunk, heading axes, (L, 2) m."""
+    """Positions of the feet in the neutral posture relative to the trunk, heading axes, (L, 2) m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,28 +38,29 @@ class StepPlan:
     """A planned step: swinging feet, their paths, and the motion of the trunk from one pose to another."""
 
     swing: Flags
-    """Legs that swing in the step, (L,)."""
+    """True for each leg that swings in the step, False for each that stands, (L,)."""
     begin: BodyPose
     end: BodyPose
     feet_from: Array
-    """Foot centres at lift-off, (L, 3) m, map."""
+    """Positions of the foot centres at lift-off, (L, 3) m, map frame."""
     feet_to: Array
-    """Foot centres at touch-down, (L, 3) m, map; standing feet stay where they are."""
+    """Positions of the foot centres at touch-down, (L, 3) m, map frame; standing feet stay where they are."""
     deepest: Array
-    """Height down to which each foot looks for the ground, (L,) m, map."""
+    """Least height to which each foot centre searches for the ground, (L,) m, map frame."""
     top: Array
-    """Height of the foot centre on the level part of each swing, (L,) m, map."""
+    """Height of the foot centre on the level part of each swing, (L,) m, map frame."""
     go: Array
     arrive: Array
-    """Phases between which each foot moves sideways, (L,)."""
+    """Swing phase, 0..1, at which each foot's sideways movement ends, (L,); it begins at phase `go`."""
     status: tuple[str, ...]
     """Status of each foot's foothold: ok, raise_trunk, infeasible, nominal (none was requested), no_answer."""
     duration: float
-    """Duration of the step, s; longer than half a period when a foot has far to fall."""
+    """Duration of the step, s: half a gait period, or longer when a foot has far to descend."""
     shape: SwingShape
-    """Phases of the swings, with the height of the slow part."""
+    """Phases of the swings, and height of the slow approach."""
     lean: float = 0.0
-    """Time before the swing in which the trunk moves to its end while all feet stand, s; 0 = it moves all the time."""
+    """Time before the swing in which the trunk moves to its end pose on all feet, s; 0 = it moves during the whole
+    step."""
 
 
 def rotated(yaw: float, vectors: Array) -> Array:
@@ -137,8 +138,8 @@ def trunk_height(frame: PlanningContext, feet: Array, at: BodyPose, shift: float
 def swing_tops(frame: PlanningContext, legs: tuple[int, ...], feet: Array, feet_to: Array) -> tuple[Array, Array]:
     """Return the swept ground (n, 13) and the height of the level part (n,) of the swings of n legs, m, map.
 
-    Swept ground: lowest admissible height of the foot centre in 13 pieces of the way, NaN = unknown. `feet`, `feet_to`:
-    foot centres at lift-off and at landing, (L, 3) m, map.
+    Swept ground: lowest admissible height of the foot centre in 13 sections of the path, NaN = unknown. `feet`,
+    `feet_to`: foot centres at lift-off and at landing, (L, 3) m, map.
     """
     swept = np.full((len(legs), swing.SAMPLES), np.nan)
     if frame.ground is not None:
@@ -170,7 +171,7 @@ def end_pose(
     shift: float,
     leans: bool,
 ) -> BodyPose | None:
-    """Return the trunk at the end of the step at the wanted height, or the nearest at which all legs reach, or None.
+    """Return the trunk pose at the end of the step, at the wanted or the nearest reachable height; None = no such.
 
     A height at which the swings reach their tops too is preferred.
 
@@ -256,7 +257,7 @@ def contacts(frame: PlanningContext, feet: Array) -> tuple[Array, Array]:
 
 
 def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Array) -> StanceCheck:
-    """Return the request to the stability service: the standing feet and the way of the trunk over them.
+    """Return the request to the stability service: the standing feet and the trunk's movement over them.
 
     `joints`: angles before the step, (nj,) rad; `rot`: rotation from base_link to map, (3, 3).
     """
@@ -275,7 +276,7 @@ def check_request(frame: PlanningContext, plan: StepPlan, joints: Array, rot: Ar
 
 
 def leant_request(frame: PlanningContext, plan: StepPlan, level: Array) -> StanceCheck:
-    """Return the request to the stability service for a step whose trunk has moved to its end before a foot lifts.
+    """Return the request to the stability service for a step whose trunk moves to its end before a foot lifts.
 
     Args:
         frame: robot, settings, ground.

@@ -15,7 +15,7 @@ class LeggedRoute:
     start: BodyPose | None
     walk_id: int
     began: float | None = None
-    """Simulated time of its first step, s."""
+    """Simulated time of the command's first step, s; None = it has not begun."""
 
     def begun(self, pose: BodyPose, now: float) -> "LeggedRoute":
         """Return the route with its start: `pose` at the time `now`, s, if it has not begun yet."""
@@ -28,7 +28,7 @@ class LeggedRoute:
 
 
 def remaining(route: LeggedRoute, pose: BodyPose) -> float:
-    """Return the signed way (m) or angle (rad) still to go; inf for a walk without an end, 0 for stand and stop."""
+    """Return the signed remaining distance (m) or angle (rad); inf for an endless walk, 0 for stand and stop."""
     command, start = route.command, route.start or pose
     if command.action == "walk":
         if command.distance is None:
@@ -41,7 +41,7 @@ def remaining(route: LeggedRoute, pose: BodyPose) -> float:
 
 
 def finished(route: LeggedRoute, pose: BodyPose, params: WalkerParams) -> bool:
-    """Return True if the command is carried out (a distance that was passed counts)."""
+    """Return True if the command is carried out; a distance that was overshot counts."""
     left = remaining(route, pose)
     if route.command.action == "walk":
         forward = (route.command.distance or 1.0) >= 0.0
@@ -50,7 +50,7 @@ def finished(route: LeggedRoute, pose: BodyPose, params: WalkerParams) -> bool:
 
 
 def stride(command: MotionCommand, params: WalkerParams, steps_per_cycle: int, step_s: float) -> float:
-    """Return the length of the trunk's way in one step of `step_s` s, m, >= 0, of a gait of `steps_per_cycle` steps."""
+    """Return the trunk's distance in one step of `step_s` s, m, >= 0, for a gait of `steps_per_cycle` steps."""
     if command.velocity is None:
         return params.stride_m / steps_per_cycle
     return min(abs(command.velocity) * step_s, params.max_stride_m / steps_per_cycle)
@@ -66,7 +66,7 @@ def advance(
 ) -> Advance:
     """Return the movement of the trunk in the next step, heading axes of `pose`.
 
-    Cross-track and heading errors of a walk are taken out by `steer_gain` within limits; zero if the command is done.
+    Cross-track and heading errors of a walk are corrected by `steer_gain` within limits; zero if the command is done.
 
     Args:
         route: the command and where it began.
@@ -99,7 +99,7 @@ def advance(
 
 
 def moved(pose: BodyPose, step: Advance, part: float = 1.0) -> BodyPose:
-    """Return the pose after `part` of an advance (1 = all, may be more); z is kept."""
+    """Return a pose after `part` of an advance (1 = all, may be more); z is kept."""
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     return BodyPose(
         x=pose.x + part * (c * step.forward - s * step.left),

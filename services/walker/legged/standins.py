@@ -14,7 +14,7 @@ from ..interface import FootholdReply, LandingRequest, StanceCheck, StanceVerdic
 
 
 def nominal_footholds(request: LandingRequest) -> tuple[FootholdReply, ...]:
-    """Return the nominal foothold of each leg of a request, in the form of a reply of the foothold service."""
+    """Return the nominal foothold of each leg of a request, in the form of the foothold service's reply."""
     return tuple(FootholdReply("ok", leg.nominal) for leg in request.legs)
 
 
@@ -25,7 +25,7 @@ def ring_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def hull_margin(points: NDArray[np.float64], c: NDArray[np.float64]) -> float:
-    """Return the distance of c (2,) m from the edge of the hull of feet, points (n, 2) m, positive inside, m.
+    """Return the distance of c (2,) m from the edge of the convex hull of points (n, 2) m, positive inside, m.
 
     Outside it is the distance from the line of the farthest violated edge, negative. The points are corners of the
     hull.
@@ -47,7 +47,7 @@ class HullCheck:
         self._model = robot.model
 
     def __call__(self, request: StanceCheck) -> StanceVerdict:
-        """Return a verdict by the smaller margin before and after the planned movement; under 3 feet: not stable."""
+        """Return a verdict by the smaller margin before and after the planned movement; under 3 feet: unstable."""
         if len(request.positions) < 3:
             return StanceVerdict(False, None, "segment")
         rot = rotations.matrix_from_quat(request.base_quat)

@@ -34,77 +34,79 @@ class WalkerState:
     joints: int
     stage: Stage = Stage.WAIT
     gait: GaitPattern = TRIPOD
-    """Order in which legs swing, of the walk under way."""
+    """Gait of the walk under way: order in which legs swing."""
     usual: GaitPattern = TRIPOD
-    """Gait of the command; another one is in use after a step that was not safe."""
+    """Gait of the command; `gait` differs from it after a step that was not safe."""
     swung: tuple[int, ...] = ()
-    """Legs of the last step."""
+    """Indices of the legs that swung in the last step."""
     careful_steps: int = 0
-    """Steps taken in a gait other than the usual one."""
+    """Number of steps taken in a gait other than that of the command."""
     route: LeggedRoute | None = None
     walk_id: int = 0
     closing: bool = False
-    """True while the feet step to neutral: after a command, on stop, after a restart."""
+    """True while the feet step to neutral (after a command, on stop, after a restart), else False."""
     closed: set[tuple[int, ...]] = field(default_factory=set)
-    """Groups that have stepped to neutral since closing began."""
+    """Groups of legs, by index, that have stepped to neutral since closing began."""
     recovering: bool = False
-    """True from a restart on measured joints until the neutral stance."""
+    """True from a restart on measured joint angles until the neutral stance is reached, else False."""
     refused: bool = False
     calibrated: bool = False
-    """True if the estimator has been initialised since the start."""
+    """True if the estimator has been initialised since the start, else False: the robot does not walk."""
     held: bool = False
-    """True while inputs are stale: no new step begins."""
+    """True while inputs are stale, so that no new step begins; False otherwise."""
     now: float = 0.0
     """Simulated time of the present tick, s."""
     lost: bool = False
-    """True while the estimator begins anew."""
+    """True while the estimator restarts, else False."""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Pose of odom in the map: x, y (m), heading (rad); changes when the odometry begins anew."""
+    """Pose of frame odom in frame map: x, y (m), heading (rad); changes when the odometry restarts."""
     body: Array = field(default_factory=lambda: np.zeros(3))
     yaw: float = 0.0
     level: Array = field(default_factory=lambda: np.zeros(2))
-    """Commanded roll and pitch, (2,) rad."""
+    """Commanded roll and pitch of the trunk, (2,) rad."""
     tilt_offset: Array = field(default_factory=lambda: np.zeros(2))
     """Learned correction of the estimated roll and pitch, (2,) rad, from the heights of standing feet on the map."""
     feet: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """Foot centres as commanded in the last tick, (L, 3) m, frame `map`."""
     footholds: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """Foot centres of standing feet, (L, 3) m."""
+    """Foot centres of the standing feet, (L, 3) m, frame `map`."""
     support: Array = field(default_factory=lambda: np.zeros(0))
-    """Share of each foot in the planned load, 0..1, (L,)."""
+    """Share of the planned load that each foot carries, 0..1, (L,)."""
     q: Array = field(default_factory=lambda: np.zeros(0))
-    """Planned joint angles without compensation of sag, (nj,) rad."""
+    """Planned joint angles without compensation of the servos' sag, (nj,) rad."""
     command: Array | None = None
     measured: Array | None = None
-    """Joint angles of the last sample, (nj,) rad; None before the first."""
+    """Joint angles of the last encoder sample, (nj,) rad; None before the first."""
     measured_stamp: float = -1.0
     contacts: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     contacts_stamp: float = -1.0
     fresh: bool = False
-    """True if a contact sample came in this tick."""
+    """True if a sample of the foot switches came in this tick, else False."""
     plan: StepPlan | None = None
     clock: float = 0.0
-    """Time since the step began, s."""
+    """Time since the present step began, s."""
     landed: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     hanging: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    """Samples in a row in which the switch of a foot that has landed in this step, or stands, was open, (L,)."""
+    """Number of samples in a row without contact of each foot that has landed in this step or stands, (L,)."""
     sunk: Array = field(default_factory=lambda: np.zeros(0))
-    """Way down of each standing foot that looks for the ground, since the trunk got a goal while it touched, (L,) m."""
+    """Distance by which each standing foot without contact has been lowered to search the ground, (L,) m; set to 0 for
+    a foot that touches when the trunk gets a `goal`."""
     group: int = 0
-    """Group of the gait that swings next."""
+    """Index of the gait's group of legs that swings next."""
     attempts: int = 0
     scale: float = 1.0
     """Factor on the length of the next step after a refused plan, 0..1."""
     trunk_shift: float = 0.0
-    """Change of trunk height asked for by the foothold service, m."""
+    """Change of trunk height requested by the foothold service, m, up positive."""
     adjusting: bool = False
-    """True while the trunk moves to its height before the next plan."""
+    """True while the trunk moves to its height before the next plan, else False."""
     lean: Array = field(default_factory=lambda: np.zeros(2))
-    """Way of the trunk from its place in the gait to where the standing feet carry it, heading axes, (2,) m."""
+    """Offset of the trunk from its position in the gait to where the standing feet carry it, heading axes, (2,) m."""
     goal: Array | None = None
-    """Place to which the trunk moves before the next plan, so that the standing feet carry it, (2,) m; None = none."""
+    """Position to which the trunk moves before the next plan so that the standing feet carry it, x, y, (2,) m, map;
+    None = none."""
     shifts: int = 0
-    """Movements of the trunk to a goal tried for the present step."""
+    """Number of movements of the trunk to `goal` tried for the present step."""
     steps: int = 0
     steps_in_walk: int = 0
     margin: float | None = None

@@ -67,7 +67,7 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
 
 
 def _move(state: WalkerState, plan: StepPlan, part: float) -> None:
-    """Put the trunk of the state at a part of its way in the step, 0..1; its height changes smoothly."""
+    """Move the trunk of the state to a part of its movement in the step, 0..1; its height changes smoothly."""
     a, b, ease = plan.begin, plan.end, swing.smooth(part)
     state.body[:] = (a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + ease * (b.z - a.z))
     state.yaw = a.yaw + part * (b.yaw - a.yaw)
@@ -83,7 +83,7 @@ def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
 
 
 def _put(state: WalkerState, robot: Robot, plan: StepPlan, feet: Flags) -> None:
-    """Set the landings of the plan of these feet (L,) to where they are, at the measured height, in place."""
+    """Set the planned landings of these feet (L,) to their present positions at the measured height, in place."""
     s = state
     assert s.measured is not None
     rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
@@ -93,7 +93,7 @@ def _put(state: WalkerState, robot: Robot, plan: StepPlan, feet: Flags) -> None:
 
 
 def _seek(state: WalkerState, robot: Robot, plan: StepPlan, landed: Flags, way: float) -> bool:
-    """Lower those of the feet `landed` (L,) that touch nothing any more by `way`, m; return True if there are any.
+    """Lower those of the feet `landed` (L,) that have lost contact by `way`, m; return True if there are any.
 
     A foot that met an edge on its way stands there for a moment and then hangs beside it: were the others lifted now,
     the robot would fall onto it. Counters of the state and landings of the plan are changed in place.
@@ -136,7 +136,7 @@ def _no_ground(robot: Robot, feet: Flags) -> str:
 
 
 def _give_up(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
-    """Mark swinging feet that have looked for the ground down to their deepest height as landed where they are."""
+    """Mark swinging feet that found no ground down to their deepest height as landed where they are."""
     s = state
     lost = plan.swing & ~s.landed & (s.feet[:, 2] < plan.deepest)
     if lost.any():
@@ -159,5 +159,5 @@ def settle(state: WalkerState, dt: float) -> None:
 
 
 def load(state: WalkerState, dt: float) -> None:
-    """Raise the share in the load of feet that have landed, `state.support`, towards 1 over `dt` s (0.1 s in all)."""
+    """Raise the load share of feet that have landed, `state.support`, towards 1 over `dt` s (0.1 s from 0 to 1)."""
     state.support = np.minimum(1.0, state.support + state.landed * (dt / LOAD_S))

@@ -1,4 +1,4 @@
-"""Swing paths: up, across at a height that clears the whole swept ground, quickly down, slowly on to the ground.
+"""Swing paths: up, across at a height that clears all ground below, quickly down, slowly on to the ground.
 
 With s(a) = 3 a^2 - 2 a^3 (0 below 0, 1 above 1) and the swing phase v in [0, 1]:
 
@@ -31,7 +31,8 @@ class SwingShape(NamedTuple):
 
 
 WINDOWS = ((0.10, 0.66), (0.15, 0.60), (0.20, 0.56), (0.25, 0.52))
-"""Phases between which the foot moves sideways, (go, arrive): the first that clears the ground is taken."""
+"""Pairs of swing phases (go, arrive), 0..1, between which the foot moves sideways; the first pair whose path clears the
+ground is used."""
 
 
 @kernel
@@ -43,7 +44,7 @@ def smooth(a: float) -> float:
 
 @kernel
 def height(shape: SwingShape, z0: float, top: float, z1: float, v: float) -> float:
-    """Return the height of the foot centre at swing phase v, m; v > 1 goes on down at the speed of the last part.
+    """Return the foot-centre height at swing phase v, m, map; beyond v = 1 it descends at the speed of the last part.
 
     z0, top, z1: heights of the foot centre at lift-off, on the level part and at landing, m, map.
     """
@@ -62,7 +63,7 @@ def height(shape: SwingShape, z0: float, top: float, z1: float, v: float) -> flo
 
 @kernel
 def progress(go: float, arrive: float, v: float) -> float:
-    """Return the part of the horizontal way covered at swing phase v, 0..1; it lasts from phase `go` to `arrive`."""
+    """Return the part of the horizontal movement covered at swing phase v, 0..1, between phases `go` and `arrive`."""
     return smooth((v - go) / (arrive - go))
 
 
@@ -91,7 +92,7 @@ def point(shape: SwingShape, p0: Array, p1: Array, top: float, go: float, arrive
 def clears(
     shape: SwingShape, z0: float, z1: float, top: float, go: float, arrive: float, ground: Array, margin: float
 ) -> bool:
-    """Return True if the path of the foot centre stays over the swept ground.
+    """Return True if the path of the foot centre stays above the ground below it.
 
     Args:
         shape: phases of the swing.
@@ -100,7 +101,7 @@ def clears(
         top: height of the level part, m.
         go: phase in which the sideways movement begins.
         arrive: phase in which it ends.
-        ground: lowest admissible foot-centre heights at equal steps of the way, first at lift-off, (k,) m, NaN =
+        ground: lowest admissible foot-centre heights at equal steps of the path, first at lift-off, (k,) m, NaN =
             unknown.
         margin: wanted clearance away from the two ends, m; it grows from 0 over the first and last eighth.
     """
@@ -120,7 +121,7 @@ def clears(
 
 
 def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> Array:
-    """Return the lowest admissible foot-centre heights along the way from p0 to p1, (13,) m, map, NaN where unknown.
+    """Return the lowest admissible foot-centre heights along the path from p0 to p1, (13,) m, map, NaN where unknown.
 
     Args:
         centres: map of foot centres (ground dilated by the foot sphere).
@@ -137,10 +138,10 @@ def swept_ground(centres: HeightMap, p0: Array, p1: Array, halfwidth: float) -> 
 def _swept(
     z: NDArray[np.float32], cell: float, x0: float, y0: float, p0: Array, p1: Array, halfwidth: float, out: Array
 ) -> None:
-    """Write the highest cell, m, per piece of the way from p0 to p1 into `out` (13,), NaN where all are unknown.
+    """Write the highest cell, m, per section of the path from p0 to p1 into `out` (13,), NaN where all are unknown.
 
     A cell counts one cell's width around its centre, so no height slips by. z (ny, nx) m: heights of foot centres,
-    cells of edge `cell` m, the first one's centre at x0, y0 m; p0, p1 (3,) m, map; `halfwidth` of the way, m.
+    cells of edge `cell` m, the first one's centre at x0, y0 m; p0, p1 (3,) m, map; `halfwidth` of the path, m.
     """
     ny, nx = z.shape
     out[:] = -math.inf
@@ -176,9 +177,9 @@ def _swept(
 
 
 def top_of(p0: Array, p1: Array, ground: Array, clearance: float) -> float:
-    """Return the height of the level part of a swing, m: `clearance`, m, over both ends and the highest swept ground.
+    """Return the height of a swing's level part, m, map: `clearance`, m, above both ends and the highest ground below.
 
-    p0, p1: foot centres at lift-off and landing, (3,) m; ground: heights of the foot centre along the way, (k,) m.
+    p0, p1: foot centres at lift-off and landing, (3,) m; ground: heights of the foot centre along the path, (k,) m.
     """
     high = float(np.nanmax(ground)) if not np.isnan(ground).all() else -math.inf
     return max(float(p0[2]), float(p1[2]), high) + clearance
@@ -192,7 +193,7 @@ def window(shape: SwingShape, p0: Array, p1: Array, top: float, ground: Array, m
         p0: foot centre at lift-off, (3,) m.
         p1: foot centre at landing, (3,) m.
         top: height of the level part, m.
-        ground: lowest admissible heights of the foot centre at equal steps of the way, (k,) m, NaN = unknown.
+        ground: lowest admissible heights of the foot centre at equal steps of the path, (k,) m, NaN = unknown.
         margin: clearance over them, m.
     """
     for go, arrive in WINDOWS:
@@ -224,7 +225,7 @@ def targets(
         landed: feet on the ground, (L,).
         v: swing phase.
         present: foot centres of the last tick, (L, 3) m.
-        reach: longest way per axis of a standing or landed foot towards its foothold in this tick, m.
+        reach: largest movement per axis of a standing or landed foot towards its foothold in this tick, m.
         support: shares of the last tick, (L,).
         rate: growth of a share in this tick; that of a foot in the air shrinks by it.
     """
