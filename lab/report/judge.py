@@ -137,8 +137,8 @@ class RunVerdict:
     def of_a_part(self) -> "RunVerdict":
         """Return the verdict on a recording of which only a part can be read.
 
-        A limit is missed only where the part that is lost cannot change that: the largest tilt, say, but not the
-        distance walked.
+        A limit is missed only where the part that is lost cannot change that, as for the largest tilt,
+        but not for the distance walked.
         """
         rows = tuple(row if METRICS[row.name].lasting else replace(row, ok=None) for row in self.rows)
         titles = [METRICS[row.name].title for row in rows if row.limits and row.value is not None and row.ok is None]

@@ -22,7 +22,7 @@ class VisionConfig(ServiceConfig):
     )
     features: Literal["orb", "sift"] = Field(default="sift", description="kind of features; that of the map counts")
     count: int = Field(default=250, ge=20, le=5000, description="features of an image, the strongest")
-    most: int = Field(default=_LIMITS.most, ge=1, le=256, description="landmarks of an image, the likest")
+    most: int = Field(default=_LIMITS.most, ge=1, le=256, description="largest number of landmarks reported per image")
     nearest: float = Field(default=_PATCH.nearest, ge=0, le=10, description="m, begin of the floor ahead that counts")
     farthest: float = Field(default=_PATCH.farthest, gt=0, le=20, description="m, end of it")
     beside: float = Field(default=_PATCH.beside, gt=0, le=20, description="m, half of its width")

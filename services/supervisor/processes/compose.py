@@ -111,7 +111,7 @@ class HealthCheck(FileModel):
     test: Annotated[Any, WithJsonSchema({"type": ["string", "array"]})] = None
     """Probe command of a container engine, [CMD, surefoot, health, <service>]; [NONE] disables the check."""
     disable: bool = False
-    """Whether health is not checked: true = the service counts as healthy once started; false = by its heartbeats."""
+    """True: health is not checked, the service counts as healthy once started; false: its heartbeats count."""
     interval_s: Seconds = Field(default=1.0, validation_alias="interval")
     """Largest wall time between two heartbeats of a healthy service, s."""
     timeout: ContainerOnly = None
