@@ -76,8 +76,12 @@ class Ground:
         for layer in self.out:
             np.copyto(layer, self.heights.z)
 
+    def filtered(self) -> None:
+        """Filter the map by its median and dilate it by the foot."""
+        self.heights.smoothed().dilated(self.robot.foot_radius)
+
     def build(self) -> None:
-        """Filter the map and dilate it by the foot."""
+        """Filter the map, dilate it by the foot and fit its planes."""
         build_ground(self.heights, self.robot.foot_radius)
 
     def score(self) -> None:
@@ -117,7 +121,7 @@ def ratios(*, cells: int = 1000, rounds: int = 30) -> None:
     best = in_turns(
         {
             "coefficients": at.coefficients, "slices": at.slices, "copies": at.copies, "build": at.build,
-            "scored": at.score, "predict": lambda: learned.predict(features, CELL), "update": update,
+            "filtered": at.filtered, "scored": at.score, "predict": lambda: learned.predict(features, CELL), "update": update,
             "tile": partial(_tile, at.ground, versions[1], edge, full),
         },
         rounds,
@@ -136,7 +140,8 @@ def ratios(*, cells: int = 1000, rounds: int = 30) -> None:
     goal("decision, learned / hand-made", one["learned"] / one["hand"], "<=", 1.3)
     goal("layers of a changed tile of 1 % / new map", best["tile"] / best["build"], "<=", 0.05)
     goal("with the search for what changed / new map", best["update"] / best["build"])
-    goal("median and dilation of a new map / coefficients", best["build"] / unit)
+    goal("median and dilation of a new map / coefficients", best["filtered"] / unit)
+    goal("all layers of a new map, planes too / coefficients", best["build"] / unit)
     goal("P and masks of a map / coefficients", best["scored"] / unit)
     goal("largest error of the table of P, 15 terms", float(learned.table_error()))
 

@@ -175,7 +175,8 @@ class LearnedModel:
         `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m.
         """
         p = self.predict(features, cell).astype(np.float64)
-        n, m2 = (values[self._places(features, cell)] for values in self._outcomes)
+        places = self._places(features, cell)
+        n, m2 = (values[places] for values in self._outcomes)
         sd = np.sqrt((m2 + BROAD * self._c2 * p * p) / (np.maximum(n, 1.0) - 1.0 + BROAD))
         return np.where(p >= 0.0, sd, np.nan).astype(np.float32)
 
@@ -197,7 +198,7 @@ class LearnedModel:
 
         `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m.
         """
-        k1, k2, cos_k3 = (np.nan_to_num(layer.astype(np.float64)).ravel() for layer in features)
+        k1, k2, cos_k3 = np.nan_to_num(np.array(features, dtype=np.float64)).reshape(len(features), -1)
         counts, first, _, _ = self._support
         at = self.lattice.keys(coordinates(k1, k2, cos_k3, cell)) - first + 1
         at = np.clip(at, 0, np.array(counts.shape) + 1).reshape(*features.k1.shape, 3)
