@@ -121,8 +121,8 @@ def ratios(*, cells: int = 1000, rounds: int = 30) -> None:
     best = in_turns(
         {
             "coefficients": at.coefficients, "slices": at.slices, "copies": at.copies, "build": at.build,
-            "filtered": at.filtered, "scored": at.score, "predict": lambda: learned.predict(features, CELL), "update": update,
-            "tile": partial(_tile, at.ground, versions[1], edge, full),
+            "filtered": at.filtered, "scored": at.score, "predict": lambda: learned.predict(features, CELL),
+            "update": update, "tile": partial(_tile, at.ground, versions[1], edge, full),
         },
         rounds,
     )  # fmt: skip
