@@ -8,7 +8,7 @@ from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
 from .log import Log
 
 STARTS = 200
-"""Most rows at which a dead reckoning begins."""
+"""Largest number of inertial rows of a log from which a dead reckoning is started."""
 
 
 def blind_error(log: Log, seconds: float) -> float:

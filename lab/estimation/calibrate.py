@@ -23,29 +23,32 @@ from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_wind
 NORMAL_95 = 1.96
 """Half of the interval of 95 % of a normal distribution, in standard deviations."""
 FEWEST_WINDOWS = 2
-"""Fewest windows that show anything: how far they differ is what the interval comes from."""
+"""Fewest time windows of a log for a calibration: the spread between windows gives the confidence interval."""
 WIDER = {"length": 1.6, "offset": 2.0, "mounting": 3.0, "lever": 3.0}
-"""Factor of the interval of kinds that feet pull aside which rock, roll or creep alike at each step."""
+"""Factor on the confidence interval, by kind of parameter, for the bias of feet that rock, roll or creep at each
+step."""
 ALWAYS = {"offset": 0.003}
-"""Half interval that no walk makes narrower, s: feet yield under loads that follow the acceleration."""
+"""Smallest half width of the 95 % interval by kind of parameter; `offset`: time offset of the feet, s."""
 NARROW = 0.4
-"""Largest half interval of an observable parameter, in half ranges of its prior."""
+"""Half width of a parameter's 95 % interval over that of its prior, above which the parameter is not observable."""
 ROUNDS = 5
-"""Linearisations; the noise is found anew before each."""
+"""Iterations of the nonlinear least squares; the noise is estimated again before each."""
 BIASES_FIRST = 2
-"""Linearisations that look for the biases of the inertial unit alone: a wrong bias looks like noise of the feet."""
+"""First iterations of the least squares, which estimate only the IMU's biases: a wrong bias looks like foot noise."""
 EPSILON = 1e-3
-"""Step of differences, and what an unknown that rests may move, in standard deviations of the prior."""
+"""Step of the numerical derivatives, and shift allowed to a fixed unknown, both in standard deviations of its prior."""
 TINY = 1e-9
-"""Least variance of a score."""
+"""Smallest variance of a score (gradient of the log-likelihood); keeps its inverse finite."""
 UNSURE = 0.3
-"""Share of the pull of noisy feet that is uncertain, one standard deviation."""
+"""Standard deviation of the correction for the bias that foot noise causes, as a share of that correction."""
 NOTE_ROWS, NOTE_WINDOWS, NOTED_MS = 100_000, 12, 5.0
-"""Most inertial rows and windows of the short check of the time offset, and the least offset that it reports, ms."""
+"""Short check of the feet's time offset: `NOTE_ROWS`: most inertial rows; `NOTE_WINDOWS`: most time windows;
+`NOTED_MS`: smallest offset that is reported, ms."""
 ALIKE = 0.1
-"""Correlation of the errors of two windows of a walk."""
+"""Correlation coefficient assumed between the errors of two time windows of a walk."""
 USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
-"""Noise of a row where the log does not state it, m/s^2 and rad/s."""
+"""Default noise of an inertial row, standard deviation: `sigma_q` of the accelerometer, m/s^2; `sigma_w` of the
+gyro, rad/s."""
 
 
 @dataclass(frozen=True)

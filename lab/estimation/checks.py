@@ -21,18 +21,22 @@ STEP_S = 0.15
 """Time between the two foot samples that are compared, s."""
 ENOUGH = 10  # pairs of samples that a statement needs
 FARTHEST_M = 3.0
-"""Usual distance of a foot from the IMU, m, above which it is of another unit."""
+"""Typical distance from IMU to foot, m, above which the foot positions must be in another unit than metres."""
 TURNED_DEG, TURNED_SHARE = 0.8, 1.4
-"""Turn of standing feet, deg rms, and its ratio to that with transposed orientations, from which on they are so."""
+"""`TURNED_DEG`: rotation of standing feet, deg rms, and `TURNED_SHARE`: its ratio to that with transposed
+orientations; above both, a log's foot orientations are transposed."""
 SWAPPED = 0.3
-"""Excess of speed, share of the mean, by which the feet of swapped contacts are slow in the air and fast on the
-ground."""
+"""Excess of the speed of feet in contact over that in the air, as a share of the mean, above which the contacts of
+legs are swapped."""
 CONTRADICTING, FAST = 0.75, 0.03
-"""Speed between standing feet, share of that of the feet and m/s, from which on legs contradict each other."""
+"""Speed between standing feet above which, if both are exceeded, legs contradict each other: `CONTRADICTING`: share
+of the usual speed of the feet; `FAST`: m/s."""
 MASSES_KG, MASS_FACTOR = (0.1, 500.0), 2.0
-"""Masses of a robot by its forces, kg, and the factor to that of its description, outside of which a note is made."""
+"""`MASSES_KG`: range of a robot's mass by its foot forces, kg; `MASS_FACTOR`: largest ratio of that mass to the one
+of the description, or its inverse; outside of either a note is made."""
 LYING_DEG, LASTING_S = 60.0, 1.0
-"""Angle between up and the way from the feet to the IMU, deg, of a robot that lies, and the time that counts, s."""
+"""`LYING_DEG`: angle between the vertical and the line from feet to IMU, deg, above which a robot lies; `LASTING_S`:
+time from which that is reported, s."""
 
 
 class _Steps(NamedTuple):

@@ -1,4 +1,4 @@
-"""Two outputs of `surefoot estimate`, or two recordings, side by side."""
+"""Differences between two outputs of `surefoot estimate`, or between the estimates of two recordings."""
 
 import json
 from dataclasses import asdict, dataclass

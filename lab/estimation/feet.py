@@ -15,13 +15,15 @@ from .contacts import by_force, by_height, mean_up
 
 KINDS = ("point", "sole", "line")
 ON, OFF = 0.25, 0.15
-"""Shares of the usual total force: a foot stands from the first on, until its force falls below the second."""
+"""Contact thresholds with hysteresis, shares of the usual total foot force: a foot stands from `ON` on, until its
+force falls below `OFF`."""
 SAVED = 0.1
-"""Share of rows in which no foot reaches the threshold from which the command notes it."""
+"""Share of foot samples without a foot above the force threshold, from which on `surefoot estimate` prints a note."""
 SOLE_SHARES = (1 / 3, 1 / 5)
-"""Length and width of a sole of unknown size, shares of the distance from the IMU to the foot."""
+"""Length and width of a sole of unknown size, each as a share of the distance from IMU to foot."""
 LEVEL_DEG = 15.0
-"""Spread of the direction of gravity in a standing foot, deg, rms, above which it is no sole but a shank."""
+"""Spread of the direction of gravity in the axes of a standing foot, deg rms, above which the body is a shank, not a
+sole."""
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ class Log:
         return tuple(FootSample(*row) for row in rows)
 
     def known(self) -> TrueMotion:
-        """Return the true motion.
+        """Return the true motion of the IMU in the log.
 
         Raises:
             ValueError: the log has none.

@@ -28,11 +28,11 @@ SENSORS: dict[str, float | int] = {
     "sigma_w": 0.01, "sigma_q": 0.09, "standstill_samples": 30, "standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5,
     "acc_bias_sd": 0.05,
 }  # fmt: skip
-"""Parameters of the inertial units of both humanoids, noise per sample."""
+"""Estimator parameters for the IMUs of both iCub humanoids; noise per sample, rad/s and m/s^2."""
 SOLE = np.array([[0.07, 0.03, 0.0], [0.07, -0.03, 0.0], [-0.04, 0.0, 0.0]])
 """Three points of a sole in its own axes, m: inside the outline of the humanoids' soles."""
 EXACT_ROWS = 7
-"""Rows behind the velocity of exact positions."""
+"""Rows of the window from which a velocity is computed out of exact (simulated) positions."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,8 @@ def humanoid(name: str) -> Log:
 
 
 HUMANOIDS = {"icub3_gazebo_walk": (15, 16.2), "icub_real_com": (61, 0.5)}
-"""Window of the truth in rows, and s from which scores count: the simulated robot stands until it walks."""
+"""By name of a humanoid's log: window of the true velocity, rows, and time after the start from which errors are
+scored, s."""
 
 
 def _stamps(t: Array) -> NDArray[np.int64]:
@@ -107,7 +108,7 @@ def _command(row: ForeignLog, path: Path) -> Log:
 
 
 def _generated(row: ForeignLog, path: Path) -> Log:
-    """Return a log whose feet have no orientation."""
+    """Return the log of a file whose feet have positions but no orientation."""
     columns = np.load(path)
     contact, stamp = columns["contact"].astype(np.bool_), _stamps(columns["t"])
     w, a, feet, position, turned = (np.asarray(columns[k], dtype=np.float64) for k in ("w", "a", "pf", "p", "R"))

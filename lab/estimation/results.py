@@ -39,7 +39,7 @@ FILE_NAMES = {
     "v_odom": "velocity_odom", "slipping": "slipping",
     "contact": "contact_probability",
 }  # fmt: skip
-"""Names of quantities in the file where they differ."""
+"""Name in the result file of each field of a track, where the two differ."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return nested numbers with None for those that are not finite, which JSON does not know."""
+    """Return nested data with plain numbers for JSON, and None for those that are not finite."""
     if isinstance(value, Mapping):
         return {key: plain(part) for key, part in value.items()}
     if isinstance(value, list):

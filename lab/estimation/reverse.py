@@ -15,7 +15,8 @@ from .external import Externals
 from .log import Log
 
 GAP = 1.5
-"""Step between two inertial rows, periods, from which rows are missing: the row is the mean over its last period."""
+"""Time between two inertial rows, in periods, above which rows are missing, so that the later one averages one
+period only."""
 
 
 def begins(log: Log) -> Ints:

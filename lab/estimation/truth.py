@@ -18,7 +18,8 @@ HELD_S, HELD_TIMES = 0.1, 3.0
 """A pose that is repeated for longer, and for so many times what is usual in the log, is of another time if the pose
 before or behind it is away by more than `HELD_M` or `HELD_RAD`: the capture had lost the robot."""
 HELD_M, HELD_RAD = 0.005, 0.02
-"""Way, m, and turn, rad, that show that the robot moved while a pose was repeated."""
+"""`HELD_M`: displacement, m; `HELD_RAD`: rotation, rad; above either, the robot moved while the capture repeated a
+pose."""
 
 
 def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
