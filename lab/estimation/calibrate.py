@@ -179,7 +179,7 @@ class StanceProblem:
         return [w.averaged(size[part, w.foot]) for w, part in zip(self.windows, self._parts, strict=True)]
 
     def _rolled(self, turned: Array, rot: Array) -> Array:
-        """Return the way of a rolling foot of unit radius since an arbitrary time, (k, F, 3), frame that does not turn.
+        """Return the path of a rolling foot of unit radius from an arbitrary time, (k, F, 3), non-rotating frame.
 
         `turned`: rotation from IMU to that frame, (k, 3, 3); `rot`: from foot to IMU, (k, F, 3, 3).
         """
@@ -194,7 +194,7 @@ class StanceProblem:
 
 @kernel
 def _rolling(world: Array, up: Array, same: NDArray[np.bool_]) -> Array:
-    """Return the way by which feet of unit radius roll from one row to the next, (k, F, 3), frame that does not turn.
+    """Return the displacement of rolling feet of unit radius since the row before, (k, F, 3), non-rotating frame.
 
     Args:
         world: rotation from each foot to that frame, (k, F, 3, 3).

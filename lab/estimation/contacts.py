@@ -88,7 +88,7 @@ def mean_up(stamp_ns: Ints, acc: Array, foot_ns: Ints) -> Array:
 
 
 def without_rolling(log: Log) -> Log:
-    """Return the log of round feet as points that rest on the ground, for estimators that know only points.
+    """Return the log of round feet as fixed contact points, for estimators that model only point feet.
 
     The centre of a ball of radius r that rolls with the rate w_f moves by w_f x r up. The way that it has rolled since
     touch-down, and r up, are taken off the foot's position; in a stance gravity is taken as fixed in IMU axes.

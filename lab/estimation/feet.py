@@ -28,7 +28,7 @@ sole."""
 
 @dataclass(frozen=True)
 class FeetOptions:
-    """Statements on the feet of a log; None = not stated."""
+    """Shape, size and contact thresholds of a log's feet as stated by the user or the file; None = not stated."""
 
     kind: str | None = None  # of `KINDS`
     radius: Array | None = None  # (1,) or (F,) m, of round feet
@@ -73,7 +73,7 @@ UNSTATED = FeetOptions()
 
 
 def _numbers(key: str, value: Any) -> Array:
-    """Return one or several numbers of a metadata `key`, (k,), 0 or more; lengths are below 1 m.
+    """Return the numbers of a metadata `key`, (k,), each 0 or more; lengths in m must be below 1.
 
     Raises:
         SurefootError: the value is no such number.

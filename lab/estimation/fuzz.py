@@ -190,7 +190,7 @@ CORRUPTIONS: dict[str, Corruption] = {
 
 @dataclass
 class FuzzCounts:
-    """Counts of what estimators did with spoilt samples, over many trials."""
+    """Counts of an estimator's failures and flags under corrupted samples, over many trials."""
 
     trials: int = 0
     samples: int = 0  # corrupted inputs

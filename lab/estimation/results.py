@@ -33,7 +33,7 @@ NIS_BAND = (0.22, 9.35)  # 95 % of chi^2 with 3 degrees of freedom
 PARTS = (
     "v", "g", "p", "position", "yaw", "v_odom", "nis", "gyro_bias", "acc_bias", "pose", "slipping", "contact",
 )  # fmt: skip
-"""Fields of a track that are kept, beside its flags."""
+"""Fields of a track (estimates per inertial row) that are written to files, beside its flags."""
 FILE_NAMES = {
     "v": "velocity_imu", "g": "g_up_imu", "p": "covariance", "pose": "pose_covariance",
     "v_odom": "velocity_odom", "slipping": "slipping",
@@ -118,7 +118,7 @@ def _keep(kept: dict[str, Array], folder: Path, n: int, rows: slice, piece: Trac
 
 
 def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
-    """Return the summary of a track as plain numbers."""
+    """Return the summary of a track (estimates over a log) as plain numbers, with errors where `found` is given."""
     n, started = len(log.stamp_ns), track.flags["initialised"]
     duration = float(log.seconds[-1])
     first = int(np.argmax(started)) if started.any() else None

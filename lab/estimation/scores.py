@@ -185,7 +185,7 @@ def _span(log: Log) -> tuple[int, int]:
 
 
 def _odometry(log: Log, found: Track) -> tuple[float, float, float, float]:
-    """Return net way, m, horizontal error of the displacement, m, largest error of height, m, error of heading, deg."""
+    """Return net displacement, m, its horizontal error, m, largest height error, m, and heading error, deg."""
     first, last = _span(log)
     position, yaw = base_pose(log)
     true = position[last] - position[first]

@@ -195,7 +195,7 @@ def _with_path(log: Log, out: Track, ahead: Track, back: Track, used: list[Flags
 
 
 def _gap(steps: Array, ahead: Track, yaw: Array, used: Flags, rows: float) -> Array:
-    """Return what the path of the forward pass has moved beyond the integral of the fused velocity, (n, 3) m.
+    """Return the low-pass difference of forward path and integral of the fused velocity at each row, (n, 3) m.
 
     The forward pass corrects its position with each foot, so that errors that come with every stride cancel; what lasts
     longer than 2 s comes from it.

@@ -228,7 +228,7 @@ def stances(log: Log) -> Ints:
 
 
 def stance_windows(log: Log, most: int = WINDOWS, seconds: float = WINDOW_S) -> list[StanceWindow]:
-    """Return windows of `seconds` s of a log, at most `most`, in which the body moves over feet that stand."""
+    """Return at most `most` windows of `seconds` s of a log in which the body moves over standing feet."""
     if len(log.stamp_ns) < FEWEST or len(log.foot_ns) < FEWEST:
         return []
     number = stances(log)

@@ -28,7 +28,7 @@ class TorqueForces(NamedTuple):
 
 
 def forces_by_torques(robot: Robot, joints: Array, torques: Array, up: Array) -> TorqueForces:
-    """Return the vertical ground force on each foot.
+    """Return the vertical ground force on each foot, N, by statics of joint torques and link weights.
 
     Args:
         robot: with the legs and their weight.

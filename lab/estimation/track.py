@@ -89,7 +89,7 @@ def check_name(name: str) -> None:
 
 
 def default() -> str:
-    """Return the name of the estimator that is used if none is named."""
+    """Return the name of the default estimator."""
     return BEST
 
 
@@ -324,4 +324,4 @@ ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {
         "levels of the ground": {"levels": False},
     }
 }
-"""Options that switch a hypothesis off, by estimator and name of the hypothesis."""
+"""Estimator options that switch off one hypothesis each, by name of the estimator and of the hypothesis."""

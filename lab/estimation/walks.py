@@ -32,7 +32,7 @@ change."""
 
 @dataclass(frozen=True, eq=False)
 class RecordedWalk:
-    """Log of one run, with the estimates that the service published."""
+    """Log of one simulated walk, with the estimates that the estimator service published in it."""
 
     log: Log
     published: Track
