@@ -49,7 +49,7 @@ class RecordedMotion:
     ticks: list[dict[str, Any]]
 
     def truth(self, tick: int) -> tuple[float, float, float]:
-        """Return the true x, y (m) and heading (rad) at a tick."""
+        """Return the true x, y (m) and heading (rad) of the robot at a control tick."""
         message = self.ticks[tick][topics.SIM_TRUTH.key]
         w, x, y, z = message.quat_wxyz
         return (*message.position[:2], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
@@ -80,7 +80,7 @@ class TakenAt(NamedTuple):
     tick: int
     image: CameraImage
     pose: CameraPose
-    """Pose of the camera when the image arrived."""
+    """True pose of the camera at the time when its image arrived."""
 
 
 def images_of(
