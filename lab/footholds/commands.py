@@ -1,4 +1,4 @@
-"""`surefoot footholds collect|primitives|learn|tune|merge|show|judge|score`."""
+"""Commands of slip models for footholds: `surefoot footholds collect|primitives|learn|tune|merge|show|judge|score`."""
 
 from collections.abc import Iterable
 from pathlib import Path

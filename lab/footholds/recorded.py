@@ -26,9 +26,9 @@ from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.outcomes import sample_at
 
 CELL_M, EDGE_M = 0.005, 0.1
-"""Cell of the plane that stands in for a map, and its width about the outermost footholds, m."""
+"""Plane used in place of a height map: `CELL_M`: cell size, m; `EDGE_M`: margin around the outermost footholds, m."""
 MOST_CELLS = 4_000_000
-"""Cells of that plane from which the walk is too long for one of that cell."""
+"""Number of cells of the plane used in place of a height map, above which a recorded walk is refused."""
 
 
 def samples_of(

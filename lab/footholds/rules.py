@@ -14,7 +14,7 @@ from surefoot.services.footholds.select import Foothold, Landing, SelectParams, 
 from .walks import Rule
 
 DRAWS = 100_003
-"""Distance of the seeds of two walks: steps of a walk count up from its seed times this."""
+"""Difference of the step seeds of two successive walks: step i of walk `seed` has seed `seed * DRAWS + i`."""
 
 
 def model_rule(model: SlipModel, params: SelectParams) -> Rule:

@@ -18,11 +18,11 @@ class Tried:
     """Result of the walks under one weight, over all grounds and seeds."""
 
     weight: float
-    """Weight k of the way to the foothold that was tried, 1/m."""
+    """Weight k, that was tried, of the distance from nominal to chosen foothold, 1/m."""
     sliding_mm: tuple[float, ...]
-    """Mean contact sliding per stance on each ground."""
+    """Mean sliding of the contact point per stance on each kind of ground, mm."""
     failed: int
-    """Walks that did not reach the end."""
+    """Number of walks that did not reach the commanded distance."""
 
     @property
     def mean(self) -> float:
