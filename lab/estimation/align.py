@@ -52,7 +52,8 @@ STRANGE = 0.2
 
 
 class Found(NamedTuple):
-    """Estimated quantity with the half width of its 95 % interval."""
+    """Quantity estimated by the alignment (offset, rotation, lever arm or scale), with the half width of its 95 %
+    interval."""
 
     value: Array  # (k,)
     within: Array  # (k,), inf = not observable
@@ -85,7 +86,8 @@ class Alignment:
         return out | {"applied": [name for name in LIMITS if self.known(name)]}
 
     def notes(self, period: float) -> tuple[str, ...]:
-        """Return sentences on how this truth is misaligned, none if it is not; `period`: of the inertial rows, s."""
+        """Return a sentence for each misalignment of the truth, () if there is none; `period`: of the inertial rows,
+        s."""
         if self.correlation < ALIKE:
             text = f"the truth does not turn as the gyro does (correlation {self.correlation:.2f} within {LAGS_S:g} s)"
             return (f"{text}: another clock, or another recording?",)
@@ -157,7 +159,7 @@ def _turned(seconds: Array, rot: Array, at: Array) -> Rotation:
 
 
 def _by_gyro(log: Log) -> tuple[Found, Found, float]:
-    """Return time offset, rotation and correlation of the rates of turn of truth and gyro; NaN: it hardly turns."""
+    """Return time offset, rotation and correlation of the angular rates of truth and gyro; NaN: hardly any rotation."""
     seconds = log.seconds
     period = max(float(np.median(np.diff(seconds))), GRID_S)
     half = 0.5 * max(WINDOW_S, 2.0 * period)

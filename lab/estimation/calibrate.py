@@ -28,7 +28,8 @@ WIDER = {"length": 1.6, "offset": 2.0, "mounting": 3.0, "lever": 3.0}
 """Factor on the confidence interval, by kind of parameter, for the bias of feet that rock, roll or creep at each
 step."""
 ALWAYS = {"offset": 0.003}
-"""Smallest half width of the 95 % interval by kind of parameter; `offset`: time offset of the feet, s."""
+"""Smallest half width of the 95 % interval by kind of parameter (`offset`: time offset, s), since feet yield under
+load."""
 NARROW = 0.4
 """Half width of a parameter's 95 % interval over that of its prior, above which the parameter is not observable."""
 ROUNDS = 5
@@ -133,7 +134,7 @@ class StanceProblem:
 
     @property
     def repeats(self) -> float:
-        """Number of windows per independent one: the errors of a foot repeat within a stance and from step to step."""
+        """Number of windows per statistically independent window: a foot's errors repeat from step to step."""
         count, numbers = len(self.windows), self._numbers
         each = len(np.unique(numbers[numbers >= 0])) / self.log.feet_count  # stances of a foot
         return max(1.0 + ALIKE * (count - 1), count / max(each, 1.0))
@@ -266,7 +267,7 @@ def proven(found: LegCalibration) -> LegCalibration:
 
 
 def offset_note(log: Log) -> tuple[str, ...]:
-    """Return a note if the stamps of the feet are early or late, by the beginning of a log; else (), no note."""
+    """Return a note if the beginning of a log shows that the stamps of its feet are early or late, else ()."""
     bare = replace(log, joints=None)
     if len(log.stamp_ns) > NOTE_ROWS:
         feet = np.flatnonzero(log.foot_ns <= log.stamp_ns[NOTE_ROWS])

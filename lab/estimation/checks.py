@@ -26,8 +26,8 @@ TURNED_DEG, TURNED_SHARE = 0.8, 1.4
 """`TURNED_DEG`: rotation of standing feet, deg rms, and `TURNED_SHARE`: its ratio to that with transposed
 orientations; above both, a log's foot orientations are transposed."""
 SWAPPED = 0.3
-"""Excess of the speed of feet in contact over that in the air, as a share of the mean, above which the contacts of
-legs are swapped."""
+"""Excess of a pair's foot speed over the mean of the feet, share of that mean; contacts are swapped if feet are
+slower by more while their own contact is open, and faster by more while the other's is."""
 CONTRADICTING, FAST = 0.75, 0.03
 """Speed between standing feet above which, if both are exceeded, legs contradict each other: `CONTRADICTING`: share
 of the usual speed of the feet; `FAST`: m/s."""
@@ -40,7 +40,7 @@ time from which that is reported, s."""
 
 
 class _Steps(NamedTuple):
-    """Pairs of foot samples that are `STEP_S` apart."""
+    """Pairs of foot samples that are 0.15 s (`STEP_S`) apart, by which foot motion is compared with the IMU."""
 
     first: Ints  # (k,)
     last: Ints  # (k,)
@@ -133,12 +133,12 @@ def _check_rotations(log: Log, steps: _Steps) -> None:
 
 
 def _moves(log: Log, steps: _Steps) -> Array:
-    """Return the moves of the feet relative to the IMU without its turn, (k, F, 3) m, axes of the first sample."""
+    """Return the feet's displacements relative to the IMU, (k, F, 3) m, in IMU axes of each pair's first sample."""
     return np.einsum("kij,kfj->kfi", steps.turn, log.foot_position[steps.last]) - log.foot_position[steps.first]
 
 
 def _check_order(log: Log, steps: _Steps) -> None:
-    """Raise SurefootError if feet move while another's contact is open: contacts are in another order of legs."""
+    """Raise SurefootError if the order of the contacts differs from that of the feet, by the speed of the feet."""
     speed = np.linalg.norm(_moves(log, steps), axis=2)
     usual = np.nanmean(speed, axis=1, keepdims=True)
     feet, excess = log.feet_count, np.zeros((log.feet_count, log.feet_count))

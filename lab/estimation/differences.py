@@ -38,7 +38,7 @@ class Estimated:
 
 
 class Departure(NamedTuple):
-    """Difference of two estimates of one quantity: rms, largest value, and time of the largest."""
+    """Difference of one quantity between two estimates: rms, largest value, and time of the largest value."""
 
     rms: float
     largest: float

@@ -24,7 +24,8 @@ LONGEST_DELAY_S = 0.4
 
 
 class Externals(NamedTuple):
-    """Samples of other sources, such as a camera, e of them, in the order of their stamps."""
+    """Poses and velocities from sources outside the robot's own sensors, such as a camera; e samples, sorted by
+    stamp."""
 
     stamp_ns: Ints  # (e,) time at which they hold
     arrival_ns: Ints  # (e,) time at which they are known

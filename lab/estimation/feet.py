@@ -59,7 +59,7 @@ class FeetOptions:
         return cls(kind, numbers.get("foot_radius"), size, on, off)
 
     def over(self, other: "FeetOptions") -> "FeetOptions":
-        """Return these options of the feet, with those that are not stated taken from `other`."""
+        """Return these options, with those that are None taken from `other`."""
         mine = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(other, **{key: value for key, value in mine.items() if value is not None})
 

@@ -93,7 +93,7 @@ def _stamps(t: Array) -> NDArray[np.int64]:
 
 
 def _truth(t: Array, position: Array, rot: Array) -> TrueMotion:
-    """Return the exact motion of simulators that give no velocity: by the positions over seven rows.
+    """Return the true motion of a simulated log without velocities, from exact positions over seven rows.
 
     `t` (n,) s; `position` (n, 3) m and `rot` (n, 3, 3) of the IMU in the world.
     """
@@ -102,7 +102,7 @@ def _truth(t: Array, position: Array, rot: Array) -> TrueMotion:
 
 
 def _command(row: ForeignLog, path: Path) -> Log:
-    """Return the log of a file that `surefoot estimate` reads; with the points of soles if the row has them."""
+    """Return the log of a file that `surefoot estimate` reads, with the sole points of the table row if it has any."""
     log = open_log(path).log
     return replace(log, points=np.repeat(SOLE[None], log.feet_count, axis=0)) if row.feet == "sole" else log
 

@@ -20,7 +20,7 @@ period only."""
 
 
 def begins(log: Log) -> Ints:
-    """Return the time at which the interval of each inertial row, which is a mean, begins, (n,) ns."""
+    """Return the start of the interval over which each inertial row is a mean, (n,) ns."""
     step = np.diff(log.stamp_ns)
     period = int(np.median(step)) if step.size else 0
     step = np.concatenate([[period], step])

@@ -49,7 +49,7 @@ class Score:
 
     @property
     def percent(self) -> float:
-        """Absolute error of the average velocity, % of the true one."""
+        """Absolute error of the average velocity, % of the true average velocity."""
         return 100.0 * abs(self.average)
 
 

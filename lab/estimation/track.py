@@ -37,7 +37,7 @@ LEVEL_SD = 0.003  # rad, how level the ground at the start of a simulated walk i
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Estimates at the n inertial rows of a log; a row that was refused repeats the estimate before it."""
+    """Estimates of velocity, tilt and path at the n inertial rows of a log; a refused row repeats the one before it."""
 
     name: str
     v: Array  # (n, 3) m/s, IMU in IMU axes

@@ -100,7 +100,7 @@ def _means(x: Array, rows: int) -> Array:
 
 
 def quietest(log: Log) -> Noise:
-    """Return the noise of the inertial unit in the quiet part of a log, limited to the range of real units."""
+    """Return the IMU noise in the quiet part of a log, limited to the range of real sensors."""
     good = np.isfinite(log.q).all(axis=1) & np.isfinite(log.w).all(axis=1)
     w, q = log.w[good], log.q[good]
     rows = max(10, round(QUIET_S / (1e-9 * float(np.median(np.diff(log.stamp_ns))))))

@@ -50,7 +50,7 @@ class Trial:
 def planned(
     grounds: Sequence[Setting], profiles: Sequence[str], seeds: Iterable[int], model: str = "", explore: float = 1.0
 ) -> list[Trial]:
-    """Return one trial for each combination of ground, map profile and seed, sorted by seed."""
+    """Return a trial (one simulated walk) for each combination of ground, map profile and seed, sorted by seed."""
     return [
         Trial(seed, replace(setting, profile=profile), model, explore)
         for seed, setting, profile in itertools.product(seeds, grounds, profiles)

@@ -107,7 +107,7 @@ def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) ->
 
 
 def own_worker(robot: Robot) -> Worker:
-    """Return a worker that does its trials in this process."""
+    """Return a worker that simulates its trials of ground primitives in this process."""
 
     def answer(request: ExperimentRequest) -> ExperimentReply:
         outcomes = tuple(outcome_of(robot, trial) for trial in request.trials)
@@ -170,7 +170,7 @@ def _work(
     robot: Robot, worker: Worker, waiting: "queue.SimpleQueue[Jobs]", found: "queue.SimpleQueue[Answer]",
     ended: threading.Event,
 ) -> None:  # fmt: skip
-    """Do batches until the campaign has ended or the worker fails."""
+    """Run batches of trials on one worker until the campaign has ended or the worker fails."""
     while not ended.is_set():
         try:
             batch = waiting.get(timeout=0.1)

@@ -82,7 +82,7 @@ def _sample(
 
 
 def _plane(stances: Iterable[StanceEnd]) -> HeightMap:
-    """Return level ground about all footholds (raises SurefootError: the walk is too long)."""
+    """Return a level height map around all footholds (raises SurefootError: the walk is too long)."""
     places = np.array([stance.begin[:2] for stance in stances])
     low = places.min(axis=0) - EDGE_M
     cols, rows = (math.ceil(float(way) / CELL_M) for way in places.max(axis=0) + EDGE_M - low)

@@ -29,7 +29,7 @@ def model_rule(model: SlipModel, params: SelectParams) -> Rule:
 
 
 def random_rule(seed: int) -> Rule:
-    """Return the rule that draws each foothold from the free cells of the leg's window; equal seeds, equal draws."""
+    """Return a rule that picks footholds at random from the free cells of a leg's window, reproducibly by seed."""
     return exploring_rule(seed, 1.0, model_rule(HandScore(), SelectParams()))
 
 

@@ -120,7 +120,7 @@ class WalkVerdict:
 
 
 class _PendingChoice(NamedTuple):
-    """A choice that waits for its stance."""
+    """Foothold choice whose stance has not begun yet."""
 
     step: int
     request: FootholdRequest
@@ -230,7 +230,7 @@ class JoinedWalk(JoinedLoop):
         self.unreachable, self.margin = 0, math.inf
 
     def tick(self) -> bool:
-        """Advance by one tick; return True while the walk goes on."""
+        """Advance the simulated walk by one control tick; return True while it goes on."""
         out = self.decide()
         self.unreachable += out.unreachable
         self.margin = self.margin if out.margin is None else min(self.margin, out.margin)
@@ -245,13 +245,13 @@ class JoinedWalk(JoinedLoop):
         return not self.stances.look(self.world) and self.world.tick * TICK_S < self.setting.limit_s
 
     def run(self) -> Self:
-        """Advance to the end, a refusal, a fall or the time limit."""
+        """Simulate the walk to the commanded distance, a refused command, a fall or the time limit; return the walk."""
         while self.tick():
             pass
         return self
 
     def verdict(self) -> WalkVerdict:
-        """Return the outcome of the walk."""
+        """Return the outcome of the simulated walk so far."""
         truth, out, stances = self.world.truth(), self.out, self.stances
         assert out is not None
         odometry = math.hypot(*(np.array(self.estimator.pose().position[:2]) - truth.position[:2]))

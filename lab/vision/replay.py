@@ -128,7 +128,7 @@ class Published(NamedTuple):
 
     @property
     def nees(self) -> float:
-        """Normalised squared error of the pose per degree of freedom."""
+        """NEES of the pose x, y, yaw (normalised squared error) divided by its 3 degrees of freedom."""
         return float(self.error @ np.linalg.solve(self.covariance, self.error)) / 3.0
 
 
@@ -145,7 +145,7 @@ class _Outlet:
         raise NotImplementedError
 
     def log(self, level: str, text: str) -> None:
-        """Drop the line: a replay has no log."""
+        """Discard a log line; a replay writes no log."""
 
 
 @dataclass
@@ -199,7 +199,7 @@ class WalkReplay:
         return found
 
     def _believe(self, messages: dict[str, Any], seen: SeenLandmarks | None, localiser: Localiser, now: int) -> None:
-        """Let the belief take odometry and landmarks of a tick."""
+        """Update the localiser with the odometry and the recognised landmarks of a tick."""
         odometry, gait = messages[topics.STATE_ODOMETRY.key], GaitView.of(messages[topics.STATE_GAIT.key])
         if odometry.initialised:
             localiser.odometry(odometry, now * 1e-9)
