@@ -32,8 +32,8 @@ CONTRADICTING, FAST = 0.75, 0.03
 """Speed between standing feet above which, if both are exceeded, legs contradict each other: `CONTRADICTING`: share
 of the usual speed of the feet; `FAST`: m/s."""
 MASSES_KG, MASS_FACTOR = (0.1, 500.0), 2.0
-"""`MASSES_KG`: range of a robot's mass by its foot forces, kg; `MASS_FACTOR`: largest ratio of that mass to the one
-of the description, or its inverse; outside of either a note is made."""
+"""A note is made of a robot whose mass by its foot forces is outside of `MASSES_KG`: range, kg, without a
+description; `MASS_FACTOR`: largest ratio to the described mass, or its inverse."""
 LYING_DEG, LASTING_S = 60.0, 1.0
 """`LYING_DEG`: angle between the vertical and the line from feet to IMU, deg, above which a robot lies; `LASTING_S`:
 time from which that is reported, s."""

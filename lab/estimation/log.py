@@ -102,7 +102,7 @@ class Log:
 
     @property
     def switches(self) -> Flags | Array:
-        """Closed switches of each foot, (m, F, S); S = 1 where the log has only one contact flag for each foot.
+        """Closed switches of each foot, (m, F, S); the contact flags, S = 1, if there are no switches or they disagree.
 
         Probabilities instead, (m, F, 1), where the log has them.
         """

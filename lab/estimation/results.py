@@ -118,7 +118,7 @@ def _keep(kept: dict[str, Array], folder: Path, n: int, rows: slice, piece: Trac
 
 
 def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
-    """Return the summary of a track (estimates over a log) as plain numbers, with errors where `found` is given."""
+    """Return the summary of a track (estimates over a log) as plain numbers, with its errors if `found` is not None."""
     n, started = len(log.stamp_ns), track.flags["initialised"]
     duration = float(log.seconds[-1])
     first = int(np.argmax(started)) if started.any() else None
