@@ -23,33 +23,37 @@ from surefoot.arrays import Array
 from .log import Log
 
 WINDOW_S = 0.1
-"""Time over which rates of turn are compared, s."""
+"""Time over which the angular rates of truth and gyro are averaged before they are compared, s."""
 LAGS_S = 5.0
-"""Largest offset that is looked for, s."""
+"""Largest time offset between truth and sensors that the search covers, s, in either direction."""
 GRID_S, MOST_ROWS = 0.005, 50_000
-"""Shortest step of the grid of times, s, and the largest number of its rows."""
+"""`GRID_S`: shortest step of the time grid on which angular rates are correlated, s; `MOST_ROWS`: most rows of that
+grid."""
 BLOCKS, QUANTILE = 10, 2.26
-"""Parts that are left out in turn, and the 97.5 % point of Student's t with one degree of freedom less."""
+"""`BLOCKS`: parts of a log that the jackknife leaves out in turn; `QUANTILE`: 97.5 % point of Student's t with
+`BLOCKS` - 1 degrees of freedom."""
 FINEST, FINEST_DEG = 0.05, 0.05
-"""Least half intervals of the offset, share of a step of the grid, and of the rotation, deg: rates are means."""
+"""Smallest half widths of the 95 % intervals: `FINEST`: of the time offset, share of a step of the time grid;
+`FINEST_DEG`: of the rotation, deg."""
 TURNS = 0.02
-"""Rate of turn, rad/s rms, below which a log shows neither offset nor rotation."""
+"""Angular rate, rad/s rms, below which time offset and rotation of the truth are not observable in a log."""
 ALIKE = 0.5
-"""Correlation of the rates of turn below which truth and sensors are of different times or bodies."""
+"""Correlation of the angular rates of truth and gyro below which they belong to different times or bodies."""
 STANCE_S, STANCES = (0.4, 0.2, 0.1), 20
 """Parts of a stance that are compared, s: the longest of which there are so many."""
 LIMITS = {"offset_s": 0.02, "rotation_deg": 3.0, "lever_m": 0.04, "scale": 0.03}
-"""Half intervals above which a quantity is not observable in a log."""
+"""Half width of the 95 % interval, by quantity (s, deg, m, ratio), above which a log does not show that quantity."""
 NOTED = {"rotation_deg": 2.0, "scale": 0.01}
 """Departures from which on a truth is called misaligned; of the offset: one inertial row."""
 
 
 STRANGE = 0.2
-"""Departure of the scale that no calibration explains."""
+"""Departure of the scale of the truth from 1, a ratio, that no calibration explains."""
 
 
 class Found(NamedTuple):
-    """Estimated quantity with the half width of its 95 % interval."""
+    """Quantity estimated by the alignment (offset, rotation, lever arm or scale), with the half width of its 95 %
+    interval."""
 
     value: Array  # (k,)
     within: Array  # (k,), inf = not observable
@@ -72,7 +76,7 @@ class Alignment:
         return bool((found.within < LIMITS[name]).all() and np.linalg.norm(off) > np.linalg.norm(found.within))
 
     def report(self) -> dict[str, Any]:
-        """Return values and half intervals as plain numbers; None = not observable."""
+        """Return values and half widths of the 95 % intervals as plain numbers; None: not observable."""
         out: dict[str, Any] = {"correlation_of_turn": self.correlation}
         for name in LIMITS:
             value, within = getattr(self, name)
@@ -82,7 +86,8 @@ class Alignment:
         return out | {"applied": [name for name in LIMITS if self.known(name)]}
 
     def notes(self, period: float) -> tuple[str, ...]:
-        """Return sentences on how this truth is misaligned, none if it is not; `period`: of the inertial rows, s."""
+        """Return a sentence for each misalignment of the truth, () if there is none; `period`: of the inertial rows,
+        s."""
         if self.correlation < ALIKE:
             text = f"the truth does not turn as the gyro does (correlation {self.correlation:.2f} within {LAGS_S:g} s)"
             return (f"{text}: another clock, or another recording?",)
@@ -154,7 +159,7 @@ def _turned(seconds: Array, rot: Array, at: Array) -> Rotation:
 
 
 def _by_gyro(log: Log) -> tuple[Found, Found, float]:
-    """Return time offset, rotation and correlation of the rates of turn of truth and gyro; NaN: it hardly turns."""
+    """Return time offset, rotation and correlation of the angular rates of truth and gyro; NaN: hardly any rotation."""
     seconds = log.seconds
     period = max(float(np.median(np.diff(seconds))), GRID_S)
     half = 0.5 * max(WINDOW_S, 2.0 * period)

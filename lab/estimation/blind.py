@@ -8,7 +8,7 @@ from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
 from .log import Log
 
 STARTS = 200
-"""Most rows at which a dead reckoning begins."""
+"""Number of inertial rows from which a dead reckoning starts, evenly spread over a log; at most twice as many."""
 
 
 def blind_error(log: Log, seconds: float) -> float:

@@ -23,29 +23,33 @@ from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_wind
 NORMAL_95 = 1.96
 """Half of the interval of 95 % of a normal distribution, in standard deviations."""
 FEWEST_WINDOWS = 2
-"""Fewest windows that show anything: how far they differ is what the interval comes from."""
+"""Fewest time windows of a log for a calibration: the spread between windows gives the confidence interval."""
 WIDER = {"length": 1.6, "offset": 2.0, "mounting": 3.0, "lever": 3.0}
-"""Factor of the interval of kinds that feet pull aside which rock, roll or creep alike at each step."""
+"""Factor on the confidence interval, by kind of parameter, for the bias of feet that rock, roll or creep at each
+step."""
 ALWAYS = {"offset": 0.003}
-"""Half interval that no walk makes narrower, s: feet yield under loads that follow the acceleration."""
+"""Smallest half width of the 95 % interval by kind of parameter (`offset`: time offset, s), since feet yield under
+load."""
 NARROW = 0.4
-"""Largest half interval of an observable parameter, in half ranges of its prior."""
+"""Half width of a parameter's 95 % interval over that of its prior, above which the parameter is not observable."""
 ROUNDS = 5
-"""Linearisations; the noise is found anew before each."""
+"""Iterations of the nonlinear least squares; the noise is estimated again before each."""
 BIASES_FIRST = 2
-"""Linearisations that look for the biases of the inertial unit alone: a wrong bias looks like noise of the feet."""
+"""First iterations of the least squares, which estimate only the IMU's biases: a wrong bias looks like foot noise."""
 EPSILON = 1e-3
-"""Step of differences, and what an unknown that rests may move, in standard deviations of the prior."""
+"""Step of the numerical derivatives, and shift allowed to a fixed unknown, both in standard deviations of its prior."""
 TINY = 1e-9
-"""Least variance of a score."""
+"""Smallest variance of a score (gradient of the log-likelihood); keeps its inverse finite."""
 UNSURE = 0.3
-"""Share of the pull of noisy feet that is uncertain, one standard deviation."""
+"""Standard deviation of the correction for the bias that foot noise causes, as a share of that correction."""
 NOTE_ROWS, NOTE_WINDOWS, NOTED_MS = 100_000, 12, 5.0
-"""Most inertial rows and windows of the short check of the time offset, and the least offset that it reports, ms."""
+"""Short check of the feet's time offset: `NOTE_ROWS`: most inertial rows; `NOTE_WINDOWS`: most time windows;
+`NOTED_MS`: smallest offset that is reported, ms."""
 ALIKE = 0.1
-"""Correlation of the errors of two windows of a walk."""
+"""Correlation coefficient assumed between the errors of two time windows of a walk."""
 USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}
-"""Noise of a row where the log does not state it, m/s^2 and rad/s."""
+"""Default noise of an inertial row, standard deviation: `sigma_q` of the accelerometer, m/s^2; `sigma_w` of the
+gyro, rad/s."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +134,7 @@ class StanceProblem:
 
     @property
     def repeats(self) -> float:
-        """Number of windows per independent one: the errors of a foot repeat within a stance and from step to step."""
+        """Number of windows per statistically independent window: a foot's errors repeat from step to step."""
         count, numbers = len(self.windows), self._numbers
         each = len(np.unique(numbers[numbers >= 0])) / self.log.feet_count  # stances of a foot
         return max(1.0 + ALIKE * (count - 1), count / max(each, 1.0))
@@ -176,7 +180,7 @@ class StanceProblem:
         return [w.averaged(size[part, w.foot]) for w, part in zip(self.windows, self._parts, strict=True)]
 
     def _rolled(self, turned: Array, rot: Array) -> Array:
-        """Return the way of a rolling foot of unit radius since an arbitrary time, (k, F, 3), frame that does not turn.
+        """Return the path of a rolling foot of unit radius from an arbitrary time, (k, F, 3), non-rotating frame.
 
         `turned`: rotation from IMU to that frame, (k, 3, 3); `rot`: from foot to IMU, (k, F, 3, 3).
         """
@@ -191,7 +195,7 @@ class StanceProblem:
 
 @kernel
 def _rolling(world: Array, up: Array, same: NDArray[np.bool_]) -> Array:
-    """Return the way by which feet of unit radius roll from one row to the next, (k, F, 3), frame that does not turn.
+    """Return the displacement of rolling feet of unit radius since the row before, (k, F, 3), non-rotating frame.
 
     Args:
         world: rotation from each foot to that frame, (k, F, 3, 3).
@@ -263,7 +267,7 @@ def proven(found: LegCalibration) -> LegCalibration:
 
 
 def offset_note(log: Log) -> tuple[str, ...]:
-    """Return a note if the stamps of the feet are early or late, by the beginning of a log; else (), no note."""
+    """Return a note if the beginning of a log shows that the stamps of its feet are early or late, else ()."""
     bare = replace(log, joints=None)
     if len(log.stamp_ns) > NOTE_ROWS:
         feet = np.flatnonzero(log.foot_ns <= log.stamp_ns[NOTE_ROWS])

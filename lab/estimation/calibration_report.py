@@ -1,4 +1,4 @@
-"""Report of a calibration for people and programs."""
+"""Report of a log's calibration (legs, mounting of the IMU, time offset, force cells) as tables or JSON."""
 
 from dataclasses import asdict, replace
 from typing import Any

@@ -21,22 +21,26 @@ STEP_S = 0.15
 """Time between the two foot samples that are compared, s."""
 ENOUGH = 10  # pairs of samples that a statement needs
 FARTHEST_M = 3.0
-"""Usual distance of a foot from the IMU, m, above which it is of another unit."""
+"""Typical distance from IMU to foot, m, above which the foot positions must be in another unit than metres."""
 TURNED_DEG, TURNED_SHARE = 0.8, 1.4
-"""Turn of standing feet, deg rms, and its ratio to that with transposed orientations, from which on they are so."""
+"""`TURNED_DEG`: rotation of standing feet, deg rms, and `TURNED_SHARE`: its ratio to that with transposed
+orientations; above both, a log's foot orientations are transposed."""
 SWAPPED = 0.3
-"""Excess of speed, share of the mean, by which the feet of swapped contacts are slow in the air and fast on the
-ground."""
+"""Excess of a pair's foot speed over the mean of the feet, share of that mean; contacts are swapped if feet are
+slower by more while their own contact is open, and faster by more while the other's is."""
 CONTRADICTING, FAST = 0.75, 0.03
-"""Speed between standing feet, share of that of the feet and m/s, from which on legs contradict each other."""
+"""Speed between standing feet above which, if both are exceeded, legs contradict each other: `CONTRADICTING`: share
+of the usual speed of the feet; `FAST`: m/s."""
 MASSES_KG, MASS_FACTOR = (0.1, 500.0), 2.0
-"""Masses of a robot by its forces, kg, and the factor to that of its description, outside of which a note is made."""
+"""A note is made of a robot whose mass by its foot forces is outside of `MASSES_KG`: range, kg, without a
+description; `MASS_FACTOR`: largest ratio to the described mass, or its inverse."""
 LYING_DEG, LASTING_S = 60.0, 1.0
-"""Angle between up and the way from the feet to the IMU, deg, of a robot that lies, and the time that counts, s."""
+"""`LYING_DEG`: angle between the vertical and the line from feet to IMU, deg, above which a robot lies; `LASTING_S`:
+time from which that is reported, s."""
 
 
 class _Steps(NamedTuple):
-    """Pairs of foot samples that are `STEP_S` apart."""
+    """Pairs of foot samples that are 0.15 s (`STEP_S`) apart, by which foot motion is compared with the IMU."""
 
     first: Ints  # (k,)
     last: Ints  # (k,)
@@ -129,12 +133,12 @@ def _check_rotations(log: Log, steps: _Steps) -> None:
 
 
 def _moves(log: Log, steps: _Steps) -> Array:
-    """Return the moves of the feet relative to the IMU without its turn, (k, F, 3) m, axes of the first sample."""
+    """Return the feet's displacements relative to the IMU, (k, F, 3) m, in IMU axes of each pair's first sample."""
     return np.einsum("kij,kfj->kfi", steps.turn, log.foot_position[steps.last]) - log.foot_position[steps.first]
 
 
 def _check_order(log: Log, steps: _Steps) -> None:
-    """Raise SurefootError if feet move while another's contact is open: contacts are in another order of legs."""
+    """Raise SurefootError if the order of the contacts differs from that of the feet, by the speed of the feet."""
     speed = np.linalg.norm(_moves(log, steps), axis=2)
     usual = np.nanmean(speed, axis=1, keepdims=True)
     feet, excess = log.feet_count, np.zeros((log.feet_count, log.feet_count))

@@ -11,15 +11,16 @@ from surefoot.lockstep.intake import LOW_M
 from .log import Log
 
 USUAL, CARRIED = 90.0, 0.5
-"""Percentile over a log of what all feet carry, and its share from which some foot stands: in flight, or in the hands
-of a person, they carry less."""
+"""`USUAL`: percentile of the total foot force over a log; `CARRIED`: share of that force from which at least one
+foot stands (less: in flight, or lifted)."""
 ALIKE_ON, ALIKE_OFF = 0.9, 0.6
-"""Share of the force of the most loaded foot from which a foot stands with it, and below which it does not any more."""
+"""Hysteresis thresholds, as shares of the force of the most loaded foot: from `ALIKE_ON` on another foot stands with
+that one, below `ALIKE_OFF` no longer."""
 LEAST_ON, LEAST_OFF = 0.5, 0.3
-"""Share of that force from which a foot may stand, and below which it does not, however low the thresholds are: as a
-foot lands or lifts it creeps and turns."""
+"""Shares of the force of the most loaded foot: a foot below `LEAST_ON` does not begin to stand, and one below
+`LEAST_OFF` stops standing, however low the thresholds in N are."""
 UP_S = 0.5
-"""Time over which the mean accelerometer shows the direction of gravity, s."""
+"""Averaging time of the accelerometer after which its mean shows the direction of gravity, s."""
 
 
 def schmitt(force: Array, on: float | Array, off: float | Array) -> Flags:
@@ -87,7 +88,7 @@ def mean_up(stamp_ns: Ints, acc: Array, foot_ns: Ints) -> Array:
 
 
 def without_rolling(log: Log) -> Log:
-    """Return the log of round feet as points that rest on the ground, for estimators that know only points.
+    """Return the log of round feet as fixed contact points, for estimators that model only point feet.
 
     The centre of a ball of radius r that rolls with the rate w_f moves by w_f x r up. The way that it has rolled since
     touch-down, and r up, are taken off the foot's position; in a stance gravity is taken as fixed in IMU axes.

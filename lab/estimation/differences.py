@@ -1,4 +1,4 @@
-"""Two outputs of `surefoot estimate`, or two recordings, side by side."""
+"""Differences between two outputs of `surefoot estimate`, or between the estimates of two recordings."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -38,7 +38,7 @@ class Estimated:
 
 
 class Departure(NamedTuple):
-    """Difference of two estimates of one quantity: rms, largest value, and time of the largest."""
+    """Difference of one quantity between two estimates: rms, largest value, and time of the largest value."""
 
     rms: float
     largest: float

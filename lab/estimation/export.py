@@ -10,7 +10,7 @@ from .log import Log
 
 
 def save_npz(log: Log, path: Path) -> Path:
-    """Write a log as NPZ; what the log does not have is left out."""
+    """Write a log as NPZ and return its path; fields that the log does not have are left out."""
     columns = {
         "stamp_ns": log.stamp_ns, "gyro": log.w, "acc": log.q, "foot_stamp_ns": log.foot_ns,
         "foot_position": log.foot_position, "foot_rotation": log.foot_rot, "contact": log.contact,

@@ -18,13 +18,14 @@ PARTS = {
     "yaw_variance": slice(EX.yaw_variance, EX.yaw_variance + 1),
     "velocity_covariance": slice(EX.velocity_covariance, EX.velocity_covariance + 9),
 }  # fmt: skip
-"""Places of the parts of a sample from elsewhere in its row of 26 numbers, by name."""
+"""Slice of each part (position, yaw, velocity, covariances ...) in the row of 26 numbers of an external sample."""
 LONGEST_DELAY_S = 0.4
-"""Longest delay of samples from elsewhere, s: the estimator goes back by half a second at most."""
+"""Longest delay of external samples (camera, GNSS), s; a log that states more is refused."""
 
 
 class Externals(NamedTuple):
-    """Samples of other sources, such as a camera, e of them, in the order of their stamps."""
+    """Poses and velocities from sources outside the robot's own sensors, such as a camera; e samples, sorted by
+    stamp."""
 
     stamp_ns: Ints  # (e,) time at which they hold
     arrival_ns: Ints  # (e,) time at which they are known

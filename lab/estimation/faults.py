@@ -106,7 +106,7 @@ def turned(log: Log, seed: int) -> Log:
 
 
 LATE = {"late 50 ms": 0.05, "late 90 ms": 0.09, "late 250 ms": 0.25}
-"""Delay of the feet by name, s."""
+"""Delay of all foot samples after their stamps, s, by name of the fault."""
 FAULTS: dict[str, Callable[[Log, int], Log]] = {
     **{name: lambda log, seed, late=late: delayed(log, late) for name, late in LATE.items()},
     "shuffled 100 ms": lambda log, seed: shuffled(log, 0.1, seed),
@@ -114,11 +114,11 @@ FAULTS: dict[str, Callable[[Log, int], Log]] = {
     "2 % outliers 2 cm": lambda log, seed: with_outliers(log, 0.02, 0.02, seed),
     "false contacts": lambda log, seed: with_false_contacts(log, 0.2, 0.13, seed),
 }
-"""Faults by name; the walk and its truth stay the same."""
+"""Functions (log, seed) -> log with a fault, by name of the fault; the true motion is unchanged."""
 STARTS: dict[str, Callable[[Log, int], Log]] = {
     "no standstill": lambda log, seed: without_standstill(log),
     "moving start": lambda log, seed: from_the_middle(log, 5.0 + 0.1 * (seed % 10)),
     "30 deg wrong": lambda log, seed: with_wrong_start(log, np.radians(30.0), seed),
     "IMU turned": turned,
 }
-"""Other starts of the walk by name."""
+"""Functions (log, seed) -> log with another start of the walk (moving, wrong tilt ...), by name."""

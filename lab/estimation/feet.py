@@ -15,18 +15,20 @@ from .contacts import by_force, by_height, mean_up
 
 KINDS = ("point", "sole", "line")
 ON, OFF = 0.25, 0.15
-"""Shares of the usual total force: a foot stands from the first on, until its force falls below the second."""
+"""Contact thresholds with hysteresis, shares of the usual total foot force: a foot stands from `ON` on, until its
+force falls below `OFF`."""
 SAVED = 0.1
-"""Share of rows in which no foot reaches the threshold from which the command notes it."""
+"""Share of foot samples without a foot above the force threshold, from which on `surefoot estimate` prints a note."""
 SOLE_SHARES = (1 / 3, 1 / 5)
-"""Length and width of a sole of unknown size, shares of the distance from the IMU to the foot."""
+"""Length and width of a sole of unknown size, each as a share of the distance from IMU to foot."""
 LEVEL_DEG = 15.0
-"""Spread of the direction of gravity in a standing foot, deg, rms, above which it is no sole but a shank."""
+"""Spread of the direction of gravity in the axes of a standing foot, deg rms, above which the body is a shank, not a
+sole."""
 
 
 @dataclass(frozen=True)
 class FeetOptions:
-    """Statements on the feet of a log; None = not stated."""
+    """Shape, size and contact thresholds of a log's feet as stated by the user or the file; None = not stated."""
 
     kind: str | None = None  # of `KINDS`
     radius: Array | None = None  # (1,) or (F,) m, of round feet
@@ -57,7 +59,7 @@ class FeetOptions:
         return cls(kind, numbers.get("foot_radius"), size, on, off)
 
     def over(self, other: "FeetOptions") -> "FeetOptions":
-        """Return these options of the feet, with those that are not stated taken from `other`."""
+        """Return these options, with those that are None taken from `other`."""
         mine = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(other, **{key: value for key, value in mine.items() if value is not None})
 
@@ -71,7 +73,7 @@ UNSTATED = FeetOptions()
 
 
 def _numbers(key: str, value: Any) -> Array:
-    """Return one or several numbers of a metadata `key`, (k,), 0 or more; lengths are below 1 m.
+    """Return the numbers of a metadata `key`, (k,), each 0 or more; lengths in m must be below 1.
 
     Raises:
         SurefootError: the value is no such number.

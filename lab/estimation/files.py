@@ -28,7 +28,7 @@ from .truth import truth_of
 from .units import check_units, quietest
 
 STANDSTILL = {"standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5}
-"""Limits of a rest where the sensors are unknown, rad/s and m/s^2; the feet must not move either."""
+"""Default limits of a standstill for unknown sensors, standard deviations of gyro, rad/s, and accelerometer, m/s^2."""
 
 
 @dataclass(frozen=True)

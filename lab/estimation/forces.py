@@ -11,13 +11,15 @@ from .log import Log
 EDGE_S = 0.03
 """Time after lift-off and before touchdown that does not count as swing, s."""
 BLOCK_S = 0.5
-"""Time over which forces are averaged against the weight, s."""
+"""Length of the blocks over which foot forces are averaged and compared with the robot's weight, s."""
 FEWEST_SWINGS, FEWEST_BLOCKS = 3, 6
-"""Fewest swings that show a zero, and fewest blocks that show a scale."""
+"""`FEWEST_SWINGS`: fewest swings of a foot for a zero of its force cell; `FEWEST_BLOCKS`: fewest averaged blocks for
+the scales."""
 FIRST_NOISE = 0.05
-"""First guess of the noise of a block, as a share of the weight."""
+"""Initial noise of the mean foot force of a block, standard deviation, as a share of the robot's weight."""
 ZERO_SHARE, SCALE_RANGE = 0.1, 0.3
-"""Half of the range that is likely: of a zero as a share of the weight, and of a scale."""
+"""Half widths of the likely ranges of a force cell: `ZERO_SHARE`: of its zero, share of the robot's weight;
+`SCALE_RANGE`: of its scale, ratio."""
 
 
 def calibrate_forces(log: Log) -> list[CalibratedValue]:

@@ -185,12 +185,12 @@ CORRUPTIONS: dict[str, Corruption] = {
     "feet ahead": _foot_stamp(lambda t, rng: t + int(rng.integers(0, 10**12))), "feet lost": _feet_lost,
     "feet twice": _feet_twice, "wrong robot": _feet(_robot_wrong),
 }  # fmt: skip
-"""Corruptions of the inputs of a row by name."""
+"""Functions that corrupt the inputs of an inertial row (NaN, outlier, wrong stamp ...), by name."""
 
 
 @dataclass
 class FuzzCounts:
-    """Counts of what estimators did with spoilt samples, over many trials."""
+    """Counts of an estimator's failures and flags under corrupted samples, over many trials."""
 
     trials: int = 0
     samples: int = 0  # corrupted inputs

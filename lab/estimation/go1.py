@@ -24,10 +24,10 @@ IMU_IN_TRUNK = np.array([-0.01592, -0.06659, -0.00617])  # m, axes parallel
 HIPS = np.array([[0.1881, 0.04675, 0.0], [0.1881, -0.04675, 0.0], [-0.1881, 0.04675, 0.0], [-0.1881, -0.04675, 0.0]])
 ASIDE = np.array([0.08, -0.08, 0.08, -0.08])  # m, hip to thigh along y
 FORCES_FROM = (1, 0, 3, 2)
-"""Place of each foot among the forces of the maker, whose order is FR FL RR RL."""
+"""Index of each foot FL FR RL RR among the manufacturer's forces, whose order is FR FL RR RL."""
 REST_SHARE, ON, OFF = 0.2, 0.15, 0.1
-"""Quantile of the counts that is a foot in the air; shares of the range above it from which a foot stands and below
-which it lifts."""
+"""`REST_SHARE`: quantile of a foot's force counts taken as unloaded; contact thresholds as shares of the range above
+it: a foot stands from `ON` on, and lifts below `OFF`."""
 
 
 def _chain(joints: Array, scale: float) -> tuple[Array, Array, Array]:

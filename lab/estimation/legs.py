@@ -15,20 +15,20 @@ from surefoot.services.estimator.feet.mount import FootMount, foot_mount
 from .log import Log
 
 SHORTEST_LINK_M = 0.005
-"""Links shorter than this have no length of their own, m."""
+"""Length of a link, m, below which calibration does not treat it as an unknown."""
 ORIENTED = 1e-6
-"""Least change of foot rotations of a log that knows them."""
+"""Smallest change of the entries of foot rotation matrices from which a log counts as having foot orientations."""
 RANGES = {
     "length": 0.10, "zero": np.radians(3.0), "offset": 0.05, "mounting": np.radians(10.0), "lever": 0.05,
     "radius": 0.02, "pivot": 0.06, "gyro bias": 0.06, "acc bias": 0.3,
 }  # fmt: skip
-"""Half of the range that the prior allows, two standard deviations, by kind: share of a length, rad of a joint, s, rad,
-m, m, m, rad/s, m/s^2."""
+"""Half range (two standard deviations) of the prior by kind of unknown: `length` as a share, `zero` and `mounting`
+rad, `offset` s, `lever`, `radius` and `pivot` m, gyro bias rad/s, acc bias m/s^2."""
 SHOWN = {
     "length": (100.0, "%"), "zero": (180.0 / np.pi, "deg"), "offset": (1e3, "ms"), "mounting": (180.0 / np.pi, "deg"),
     "lever": (1e3, "mm"), "radius": (1e3, "mm"),
 }  # fmt: skip
-"""Factor and unit of each kind in reports; kinds without one are estimated beside them."""
+"""Factor from SI and unit in reports by kind of unknown; kinds that are absent (biases) are estimated, not reported."""
 
 RESIZING = ("length", "zero")
 """Kinds of unknowns on which the size of the noise of feet depends."""

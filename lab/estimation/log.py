@@ -86,12 +86,12 @@ class Log:
 
     @cached_property
     def feet(self) -> tuple[FootSample, ...]:
-        """The foot samples one by one."""
+        """Foot samples of the log as a tuple of records, in the order of their stamps."""
         rows = zip(self.foot_ns.tolist(), self.foot_position, self.foot_rot, self.contact, strict=True)
         return tuple(FootSample(*row) for row in rows)
 
     def known(self) -> TrueMotion:
-        """Return the true motion.
+        """Return the true motion of the IMU in the log.
 
         Raises:
             ValueError: the log has none.
@@ -102,7 +102,7 @@ class Log:
 
     @property
     def switches(self) -> Flags | Array:
-        """Closed switches of each foot, (m, F, S); S = 1 where the log has flags of feet, or others than those.
+        """Closed switches of each foot, (m, F, S); the contact flags, S = 1, if there are no switches or they disagree.
 
         Probabilities instead, (m, F, 1), where the log has them.
         """

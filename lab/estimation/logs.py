@@ -28,11 +28,11 @@ SENSORS: dict[str, float | int] = {
     "sigma_w": 0.01, "sigma_q": 0.09, "standstill_samples": 30, "standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5,
     "acc_bias_sd": 0.05,
 }  # fmt: skip
-"""Parameters of the inertial units of both humanoids, noise per sample."""
+"""Estimator parameters for the IMUs of both iCub humanoids; noise per sample, rad/s and m/s^2."""
 SOLE = np.array([[0.07, 0.03, 0.0], [0.07, -0.03, 0.0], [-0.04, 0.0, 0.0]])
 """Three points of a sole in its own axes, m: inside the outline of the humanoids' soles."""
 EXACT_ROWS = 7
-"""Rows behind the velocity of exact positions."""
+"""Rows of the window from which a velocity is computed out of exact (simulated) positions."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,8 @@ def humanoid(name: str) -> Log:
 
 
 HUMANOIDS = {"icub3_gazebo_walk": (15, 16.2), "icub_real_com": (61, 0.5)}
-"""Window of the truth in rows, and s from which scores count: the simulated robot stands until it walks."""
+"""By name of a humanoid's log: window of the true velocity, rows, and time after the start from which errors are
+scored, s."""
 
 
 def _stamps(t: Array) -> NDArray[np.int64]:
@@ -92,7 +93,7 @@ def _stamps(t: Array) -> NDArray[np.int64]:
 
 
 def _truth(t: Array, position: Array, rot: Array) -> TrueMotion:
-    """Return the exact motion of simulators that give no velocity: by the positions over seven rows.
+    """Return the true motion of a simulated log without velocities, from exact positions over seven rows.
 
     `t` (n,) s; `position` (n, 3) m and `rot` (n, 3, 3) of the IMU in the world.
     """
@@ -101,13 +102,13 @@ def _truth(t: Array, position: Array, rot: Array) -> TrueMotion:
 
 
 def _command(row: ForeignLog, path: Path) -> Log:
-    """Return the log of a file that `surefoot estimate` reads; with the points of soles if the row has them."""
+    """Return the log of a file that `surefoot estimate` reads, with the sole points of the table row if it has any."""
     log = open_log(path).log
     return replace(log, points=np.repeat(SOLE[None], log.feet_count, axis=0)) if row.feet == "sole" else log
 
 
 def _generated(row: ForeignLog, path: Path) -> Log:
-    """Return a log whose feet have no orientation."""
+    """Return the log of a file whose feet have positions but no orientation."""
     columns = np.load(path)
     contact, stamp = columns["contact"].astype(np.bool_), _stamps(columns["t"])
     w, a, feet, position, turned = (np.asarray(columns[k], dtype=np.float64) for k in ("w", "a", "pf", "p", "R"))

@@ -18,7 +18,7 @@ Plant = Callable[[Log, float, int], Log]
 """Function of a log, the time since its start, s, and the foot at fault, which returns the log with the fault."""
 
 SWITCHES, ENCODERS = ("contact", "touch", "chance"), ("foot_position", "foot_rot")
-"""Fields of a log that come from the switches, and from the encoders."""
+"""Names of the fields of a log: `SWITCHES`: from foot switches; `ENCODERS`: from joint encoders."""
 JUMP, JUMP_SHARE = 0.03, 0.1  # m, size; share of the samples
 SHIFT = 0.02  # m
 SCALE = 1.1
@@ -28,7 +28,7 @@ STILL_S = 0.5
 
 
 def _since(log: Log, seconds: float) -> Ints:
-    """Return the foot samples (k,) of a log from `seconds` after its begin on, by number."""
+    """Return the indices (k,) of the foot samples of a log from `seconds` s after its first inertial row on."""
     return np.flatnonzero(log.foot_ns >= log.stamp_ns[0] + round(1e9 * seconds)).astype(np.int64)
 
 
@@ -116,7 +116,7 @@ PLANTED: dict[str, Plant] = {
     "clock back 0.1 s": stepped_back,
     "inertial unit still 0.5 s": still_imu,
 }
-"""Faults that are planted into a log, by name."""
+"""Functions (log, time, s, foot) -> log with a sensor fault from that time on, by name of the fault."""
 
 
 def first_altered(log: Log, bad: Log, at_s: float) -> float:

@@ -58,7 +58,7 @@ def draw(result: Result, path: Path) -> Path:
 
 
 def _feet(axes, result: Result, rows: slice, t) -> None:
-    """Draw a line per foot: contact by the sensors grey, by estimate green, sliding red."""
+    """Draw a line per foot over time: contact by the sensors grey, by the estimator green, sliding red."""
     log, track = result.log, result.track
     if len(log.foot_ns) == 0:
         return

@@ -83,7 +83,7 @@ def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Lo
 
 
 def _rest(columns: Columns) -> tuple[int, int]:
-    """Return the rows of the standstill from which the service started; (0, 0): it is not in the recording."""
+    """Return first row and end of the standstill at which the service started; (0, 0): it is not recorded."""
     if "published_flags" not in columns or not columns["published_flags"][:, 0].any():
         return 0, 0
     tick = columns["published_tick"][int(np.argmax(columns["published_flags"][:, 0]))]

@@ -33,13 +33,13 @@ NIS_BAND = (0.22, 9.35)  # 95 % of chi^2 with 3 degrees of freedom
 PARTS = (
     "v", "g", "p", "position", "yaw", "v_odom", "nis", "gyro_bias", "acc_bias", "pose", "slipping", "contact",
 )  # fmt: skip
-"""Fields of a track that are kept, beside its flags."""
+"""Fields of a track (estimates per inertial row) that are written to files, beside its flags."""
 FILE_NAMES = {
     "v": "velocity_imu", "g": "g_up_imu", "p": "covariance", "pose": "pose_covariance",
     "v_odom": "velocity_odom", "slipping": "slipping",
     "contact": "contact_probability",
 }  # fmt: skip
-"""Names of quantities in the file where they differ."""
+"""Name in the result file of each field of a track, where the two differ."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def _keep(kept: dict[str, Array], folder: Path, n: int, rows: slice, piece: Trac
 
 
 def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
-    """Return the summary of a track as plain numbers."""
+    """Return the summary of a track (estimates over a log) as plain numbers, with its errors if `found` is not None."""
     n, started = len(log.stamp_ns), track.flags["initialised"]
     duration = float(log.seconds[-1])
     first = int(np.argmax(started)) if started.any() else None
@@ -157,7 +157,7 @@ def summary(log: Log, track: Track, found: Score | None) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return nested numbers with None for those that are not finite, which JSON does not know."""
+    """Return nested data with plain numbers for JSON, and None for those that are not finite."""
     if isinstance(value, Mapping):
         return {key: plain(part) for key, part in value.items()}
     if isinstance(value, list):

@@ -15,11 +15,12 @@ from .external import Externals
 from .log import Log
 
 GAP = 1.5
-"""Step between two inertial rows, periods, from which rows are missing: the row is the mean over its last period."""
+"""Time between two inertial rows, in periods, above which rows are missing, so that the later one averages one
+period only."""
 
 
 def begins(log: Log) -> Ints:
-    """Return the time at which the interval of each inertial row, which is a mean, begins, (n,) ns."""
+    """Return the start of the interval over which each inertial row is a mean, (n,) ns."""
     step = np.diff(log.stamp_ns)
     period = int(np.median(step)) if step.size else 0
     step = np.concatenate([[period], step])

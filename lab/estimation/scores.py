@@ -17,7 +17,7 @@ WINDOW_S = 0.5
 """Time over which mean errors are compared, s: truth by motion capture is noisy row by row."""
 REGION_95 = 7.815  # of chi^2 with 3 degrees of freedom: 95 % of the rows lie below it
 NO_WAY_M, NO_SPEED = 1e-3, 1e-4
-"""Net way, m, and mean speed, m/s, below which errors are no share of them."""
+"""`NO_WAY_M`: net displacement, m, and `NO_SPEED`: mean speed, m/s, below which no relative error is given."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Score:
 
     @property
     def percent(self) -> float:
-        """Absolute error of the average velocity, % of the true one."""
+        """Absolute error of the average velocity, % of the true average velocity."""
         return 100.0 * abs(self.average)
 
 
@@ -185,7 +185,7 @@ def _span(log: Log) -> tuple[int, int]:
 
 
 def _odometry(log: Log, found: Track) -> tuple[float, float, float, float]:
-    """Return net way, m, horizontal error of the displacement, m, largest error of height, m, error of heading, deg."""
+    """Return net displacement, m, its horizontal error, m, largest height error, m, and heading error, deg."""
     first, last = _span(log)
     position, yaw = base_pose(log)
     true = position[last] - position[first]

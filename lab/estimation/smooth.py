@@ -34,19 +34,20 @@ from .track import FLAGS, Track, check_name, track
 
 
 class _Block(NamedTuple):
-    """A part of x, and the degrees of freedom of its error: the length of g is known."""
+    """Part of the smoothed state as a slice, with the degrees of freedom of its error (2 for gravity of known
+    length)."""
 
     part: slice
     freedom: int
 
 
 BLOCKS = (_Block(slice(0, 3), 2), _Block(slice(3, 6), 3), _Block(slice(6, 9), 3), _Block(slice(9, 12), 3))
-"""Specific force at rest, velocity, bias of the gyro, bias of the accelerometer."""
+"""Parts of the smoothed state: specific force at rest, velocity, gyro bias, accelerometer bias."""
 AGREED_S = 1.0
 """Time over which the differences of the two passes are averaged, s: longer than a step, shorter than a slide."""
 
 LASTING_S = 2.0
-"""Standard deviation of the window beyond which the path follows that of the forward pass, s: some strides."""
+"""Standard deviation of the Gaussian window, s, above whose length the smoothed path follows the forward pass."""
 
 
 def smooth(name: str, log: Log, **options: Any) -> Track:
@@ -194,7 +195,7 @@ def _with_path(log: Log, out: Track, ahead: Track, back: Track, used: list[Flags
 
 
 def _gap(steps: Array, ahead: Track, yaw: Array, used: Flags, rows: float) -> Array:
-    """Return what the path of the forward pass has moved beyond the integral of the fused velocity, (n, 3) m.
+    """Return the low-pass difference of forward path and integral of the fused velocity at each row, (n, 3) m.
 
     The forward pass corrects its position with each foot, so that errors that come with every stride cancel; what lasts
     longer than 2 s comes from it.

@@ -29,23 +29,24 @@ from .log import Log
 WINDOW_S = 2.0
 """Length of a window, s: about one stride, so that the body's motion differs from a parabola."""
 TIMES, SAMPLES, WINDOWS = 200, 80, 60
-"""Most foot samples of a window (more are thinned out), most averages of single feet in it, most windows of a log."""
+"""`TIMES`: most foot samples of a window, more are thinned; `SAMPLES`: most averaged samples of single feet in a
+window; `WINDOWS`: most windows of a log."""
 TRIM_S = 0.03
 """Time after touchdown and before lift-off that is left out, s: the foot loads and rolls there."""
 GAP_S = 0.2
-"""Longest time between two rows inside a window, s."""
+"""Time between two inertial rows, s, above which a calibration window must not contain them."""
 FEWEST = 4
-"""Fewest samples of a stance and of a window."""
+"""Fewest foot samples of a stance, and of a calibration window; those with less are not used."""
 STILL_M = 1e-3
-"""Least motion of a standing foot against the body in a window that shows anything, m rms."""
+"""Motion of a standing foot relative to the body, m rms, below which a calibration window is not used."""
 FACTORS = np.array([2.0, 2.0, 0.05])
-"""Logarithms of the factors by which noise of foot, creep, accelerometer is likely to differ from the first guess."""
+"""Prior standard deviations of ln(noise / first guess), (3,): foot sample, creep of the foot, accelerometer."""
 INFLATION = (0.3, 1e4)
-"""Least and largest variance of a stance over the usual one."""
+"""Smallest and largest factor on the variance of a stance, relative to the variance of all stances."""
 LEAST = 1e-5
 """Least noise of each kind, in its unit: a log may state none."""
 NOISE_WINDOWS = 12
-"""Windows from which the noise is found."""
+"""Largest number of calibration windows from which the noise of feet and IMU is estimated."""
 
 
 class StanceNoise(NamedTuple):
@@ -227,7 +228,7 @@ def stances(log: Log) -> Ints:
 
 
 def stance_windows(log: Log, most: int = WINDOWS, seconds: float = WINDOW_S) -> list[StanceWindow]:
-    """Return windows of `seconds` s of a log, at most `most`, in which the body moves over feet that stand."""
+    """Return at most `most` windows of `seconds` s of a log in which the body moves over standing feet."""
     if len(log.stamp_ns) < FEWEST or len(log.foot_ns) < FEWEST:
         return []
     number = stances(log)

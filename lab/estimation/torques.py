@@ -15,9 +15,9 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_jacobians, gravity_torques
 
 FACTOR = 2.0
-"""Ratio of the forces to the weight of the robot, or its inverse, from which torques are of another scale."""
+"""Ratio of total foot force to robot weight, or its inverse, above which joint torques have a wrong scale."""
 STRETCHED = 0.02
-"""Least ratio of singular values of a Jacobian; of a stretched leg the force along it is left out."""
+"""Ratio of a singular value of a leg's Jacobian to the largest, below which that direction of force is left out."""
 
 
 class TorqueForces(NamedTuple):
@@ -28,7 +28,7 @@ class TorqueForces(NamedTuple):
 
 
 def forces_by_torques(robot: Robot, joints: Array, torques: Array, up: Array) -> TorqueForces:
-    """Return the vertical ground force on each foot.
+    """Return the vertical ground force on each foot, N, by statics of joint torques and link weights.
 
     Args:
         robot: with the legs and their weight.

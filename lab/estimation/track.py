@@ -37,7 +37,7 @@ LEVEL_SD = 0.003  # rad, how level the ground at the start of a simulated walk i
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Estimates at the n inertial rows of a log; a row that was refused repeats the estimate before it."""
+    """Estimates of velocity, tilt and path at the n inertial rows of a log; a refused row repeats the one before it."""
 
     name: str
     v: Array  # (n, 3) m/s, IMU in IMU axes
@@ -89,7 +89,7 @@ def check_name(name: str) -> None:
 
 
 def default() -> str:
-    """Return the name of the estimator that is used if none is named."""
+    """Return the name of the default estimator."""
     return BEST
 
 
@@ -324,4 +324,4 @@ ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {
         "levels of the ground": {"levels": False},
     }
 }
-"""Options that switch a hypothesis off, by estimator and name of the hypothesis."""
+"""Estimator options that switch off one hypothesis each, by name of the estimator and of the hypothesis."""

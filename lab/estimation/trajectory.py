@@ -12,8 +12,7 @@ import numpy as np
 from surefoot.arrays import Array, Ints
 
 KNOT_S = 0.25
-"""Time over which true positions are averaged before their distances add up to the path, s: captured positions
-scatter row by row."""
+"""Averaging time of true positions before the path length is summed, s: motion capture is noisy row by row."""
 LENGTHS_M = (1.0, 0.5, 0.1)
 """Lengths of path over which the relative pose error is measured, m: the first that fits into the log."""
 STARTS = 20  # pairs of rows that begin within one such length

@@ -11,14 +11,16 @@ from surefoot.record.columns import Columns
 from .log import TrueMotion
 
 WINDOWS_S = (0.0, 0.05, 0.09, 0.15, 0.25, 0.4, 0.6)
-"""Windows of local cubic fits behind the velocity of captured positions, s; 0 = differences of neighbours."""
+"""Candidate window lengths of the cubic fits that give velocity from captured positions, s; 0 = differences of
+neighbours."""
 APART_S = 0.1
 """Time over which changes of that velocity are compared with the accelerometer, s."""
 HELD_S, HELD_TIMES = 0.1, 3.0
-"""A pose that is repeated for longer, and for so many times what is usual in the log, is of another time if the pose
-before or behind it is away by more than `HELD_M` or `HELD_RAD`: the capture had lost the robot."""
+"""A pose repeated for longer than `HELD_S`, s, and `HELD_TIMES` times the usual repetition in the log is stale (the
+capture lost the robot) if a neighbouring pose differs by more than `HELD_M` or `HELD_RAD`."""
 HELD_M, HELD_RAD = 0.005, 0.02
-"""Way, m, and turn, rad, that show that the robot moved while a pose was repeated."""
+"""`HELD_M`: displacement, m; `HELD_RAD`: rotation, rad; above either, the robot moved while the capture repeated a
+pose."""
 
 
 def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:

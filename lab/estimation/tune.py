@@ -14,7 +14,7 @@ from .track import track
 Range = tuple[float, float, float]
 
 FACTORS = (3.0, 1.5)
-"""Steps of the search, one pass for each: every number is multiplied or divided while that helps."""
+"""Step factors of the search, one pass each: each parameter is multiplied or divided by it while the error falls."""
 SEARCHED: dict[str, dict[str, Range]] = {
     "inekf": {
         "sigma_c": (1e-3, 1e-5, 5e-2), "sigma_q": (0.035, 0.01, 5.0), "sigma_w": (0.0054, 0.002, 0.5),
@@ -27,14 +27,14 @@ SEARCHED: dict[str, dict[str, Range]] = {
     "ekf": {"sigma_v": (0.015, 5e-4, 0.5), "sigma_q": (0.035, 0.01, 5.0), "sigma_w": (0.0054, 0.002, 0.5)},
     "paper": {"sigma_v": (0.015, 5e-4, 0.5), "sigma_q": (0.035, 0.01, 5.0), "sigma_w": (0.0054, 0.002, 0.5)},
 }  # fmt: skip
-"""Noises that are searched for each estimator: first value, least, most."""
+"""Noise parameters that the tuning varies, by estimator and name: (initial value, minimum, maximum)."""
 GRID: dict[str, tuple[dict[str, float], ...]] = {
     "inekf": tuple({"sigma_c": c, "sigma_q": s, "sigma_w": s} for c in (0.1, 1.0, 5.0) for s in (1.0, 4.0, 15.0)),
     "linear": tuple({"sigma_a": a, "kp": k} for a in (0.3, 1.0, 5.0) for k in (1.0, 10.0)),
     "ekf": tuple({"sigma_v": v, "sigma_q": s} for v in (0.3, 1.0) for s in (1.0, 4.0)),
     "paper": tuple({"sigma_v": v, "sigma_q": s} for v in (0.3, 1.0) for s in (1.0, 4.0)),
 }
-"""Factors on the first values from which the best is taken as the start of the search."""
+"""Factors on the initial noise parameters, by estimator; the combination of least error starts the search."""
 PENALTY = 1e3  # m/s, of a track that is not finite
 
 

@@ -13,11 +13,12 @@ from surefoot.geometry.constants import GRAVITY
 from .log import Log
 
 UP_MEAN_S = 0.3
-"""Time over which the mean accelerometer shows the direction of gravity, s."""
+"""Averaging time of the accelerometer after which its mean shows the direction of gravity, s."""
 FASTEST_GYRO = 35.0  # rad/s, 2000 deg/s: no unit of a legged robot reads more
 ENOUGH = 0.02  # rad, rms turn of gravity by the gyro within 0.3 s that a judgement of its unit needs
 QUIET_S, QUIET_SHARE = 0.5, 0.2
-"""Length of the windows whose spread is looked at, s, and the quantile of it that is taken for the noise."""
+"""`QUIET_S`: length of the windows in which the spread is computed, s; `QUIET_SHARE`: quantile of these spreads
+taken as the sensor noise."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def _means(x: Array, rows: int) -> Array:
 
 
 def quietest(log: Log) -> Noise:
-    """Return the noise of the inertial unit in the quiet part of a log, limited to the range of real units."""
+    """Return the IMU noise in the quiet part of a log, limited to the range of real sensors."""
     good = np.isfinite(log.q).all(axis=1) & np.isfinite(log.w).all(axis=1)
     w, q = log.w[good], log.q[good]
     rows = max(10, round(QUIET_S / (1e-9 * float(np.median(np.diff(log.stamp_ns))))))

@@ -20,18 +20,19 @@ from .recorded import log_of_columns, published
 from .track import Track
 
 SCENARIOS = {"bioloid": "bioloid-walk", "nao": "nao-walk", "ragno-flat": "flat", "ragno-rough": "rough-terrain"}
-"""Scenario of each walk, by name of the set."""
+"""Name of the simulator scenario of each recorded walk, by name of the walk."""
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "bioloid-ice": ("bioloid", {"friction": 0.2}), "ragno-ice": ("ragno-flat", {"friction": 0.2}),
     "bioloid-adis16350": ("bioloid", {"imu_profile": "adis16350"}),
     "ragno-adis16350": ("ragno-flat", {"imu_profile": "adis16350"}),
 }  # fmt: skip
-"""Walks in another world: name of the walk, and what is changed. Estimators do not know of the change."""
+"""Variants of simulated walks by name: (name of the walk, changed simulator options); estimators are not given the
+change."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedWalk:
-    """Log of one run, with the estimates that the service published."""
+    """Log of one simulated walk, with the estimates that the estimator service published in it."""
 
     log: Log
     published: Track

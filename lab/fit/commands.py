@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .result import Fitted
 
 READING = 0.3
-"""Share of the work that reads recordings."""
+"""Share of the progress display, 0 to 1, that reading the recordings takes; the search takes the rest."""
 
 app = typer.Typer(name="fit", help="Numbers of a robot from recordings of it.", no_args_is_help=True)
 

@@ -15,11 +15,11 @@ from .events import FRAME, Run
 from .result import Z95, Fitted, Interval
 
 FULL = 0.99
-"""Largest filling of the frames; a probability that fills all of them is not known."""
+"""Share of camera frames filled with matches, 0 to 1, above which a match probability is not determined."""
 
 
 def twins(model: NavigationModel) -> list[tuple[str, ...]]:
-    """Return the actions of a model in groups of an action and its mirror image, which share their numbers."""
+    """Return the action names of a model, grouped as an action and its mirror image, which share fitted values."""
     groups: dict[tuple[str, float, float], list[str]] = {}
     for name, action in model.actions.items():
         groups.setdefault((action.kind, action.forward, abs(action.turn_deg)), []).append(name)

@@ -17,10 +17,10 @@ from .result import Fitted, Interval
 from .search import FittedParameter, Likelihood, Parameter, estimate
 
 LEAST = 1e-3
-"""Least standard deviation at the begin of the search, m or rad: at zero there is no gradient."""
+"""Smallest initial standard deviation of the search, m or rad: at zero there is no gradient."""
 DEG = math.degrees(1.0)
 LEAN = 0.3
-"""Bound of the searched mean error of pitch, rad."""
+"""Largest absolute value that the search tries for the mean pitch error of the camera, rad."""
 
 
 def fit(
@@ -57,7 +57,7 @@ def group_of(action: ActionModel) -> int:
 
 
 def _occurring(runs: Sequence[Run], model: NavigationModel) -> set[int]:
-    """Return the groups of the actions that were carried out."""
+    """Return the noise groups (0 on the spot, 1 straight, 2 arc) of the actions that occur in the recordings."""
     actions = list(model.actions.values())
     moves = [np.unique(run.events[run.events[:, 0] == 0.0, 1].astype(int)) for run in runs]
     return {group_of(actions[index]) for part in moves for index in part}

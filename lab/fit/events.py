@@ -22,17 +22,17 @@ from surefoot.services.navigator.policy.params import NavigationModel
 
 KEYS = ("navigator/order", "state/gait", "state/pose", "hw/landmarks", "terrain/landmarks")
 IMAGES = "state/landmarks"
-"""Key of what vision recognises; where it is recorded it counts in place of hw/landmarks."""
+"""Key of the landmarks that vision recognised; if it is recorded, it is read in place of `hw/landmarks`."""
 MOVE, FRAME, SEE = 0.0, 1.0, 2.0
-"""Kinds of event, first column; the others: MOVE action, share; FRAME s since the frame before; SEE x and y of the
-landmark (m, map), range (m), bearing (rad), 1 if standing."""
+"""Kinds of event, column 0 of an event; further columns: `MOVE`: action, share of it; `FRAME`: s since the last
+frame; `SEE`: landmark x and y (m, map), range (m), bearing (rad), 1 = robot stands, 0 = it walks."""
 COLUMNS = 6
 SAME_TURN = math.radians(2.0)
 SAME_WAY = 0.02
 STANDING = ("standing", "waiting", "hold")
 """States of the gait in which the robot stands on its feet."""
 GATE_WIDER = 1.5
-"""Factor on the noises of the model while landmarks are matched: the model is not known yet."""
+"""Factor on the model's standard deviations while landmarks are matched, since the model is still to be fitted."""
 
 
 @dataclass
@@ -96,7 +96,7 @@ class _RunReader:
         self.events: list[tuple[float, ...]] = []
         self.order: tuple[int, Act | None] = (0, None)
         self.taken = 0
-        """Number of the last order that the walker took up."""
+        """Sequence number of the last action order that the walker started."""
         self.under_way: list[tuple[Motion, int, float]] = []
         """Pieces of the execution: motion, index of the action, share of that action, 0..1."""
         self.now, self.frame_at = 0.0, 0.0
@@ -105,7 +105,7 @@ class _RunReader:
         """Kind of the action under way, and the time at which its step lands, s."""
 
     def read(self, messages: list[Any]) -> Run:
-        """Take in all messages, in the order of their ticks."""
+        """Process all messages of a recording in the order of their ticks, and return its run."""
         decoded = [(item.key, item.message()) for item in messages]
         order = ("terrain/landmarks", "state/pose", "state/gait", "hw/landmarks", IMAGES)
         rank = {key: i for i, key in enumerate(order)}
@@ -179,7 +179,7 @@ class _RunReader:
         return next((index, share) for own, index, share in self.under_way if own is motion)
 
     def _time(self, act: Act, ends_in: float | None, *, whole: bool) -> None:
-        """Record how long an action takes by the walker's plan when it takes it up; `ends_in`: time to its end, s."""
+        """Record the duration of an action as planned when the walker starts it; `ends_in`: time to its end, s."""
         if ends_in is None:
             self.landing = None
             return
@@ -224,7 +224,7 @@ class _RunReader:
             self.run.frames.setdefault(name, []).append((visible, count))
 
     def _name(self) -> str:
-        """Return the action that a frame belongs to; empty where the model has none."""
+        """Return the name of the action during which a camera frame was taken; empty: the model has no such action."""
         if self.standing:
             return next((act.name for act in self.acts if act.kind == "stand"), "")
         pieces = self.execution.pieces

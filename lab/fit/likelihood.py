@@ -29,7 +29,7 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 @free_kernel
 def _move(event: Array, actions: Array, theta: Array, mean: Array, cov: Array, noise: Array, work: Array) -> None:
-    """Carry the belief over a share of an action, in place.
+    """Predict the filter's mean and covariance over a share of an action, in place.
 
     Args:
         event: kind, number of the action, share of the action 0..1, (6,).

@@ -5,7 +5,7 @@ import numpy as np
 from surefoot.arrays import Array
 
 WHOLE = 1.0 + 1e-9
-"""Shares of an action that are joined add up to at most this: a prediction covers one action."""
+"""Largest sum of the shares of one action that are joined into one motion (1 = the whole action)."""
 
 
 def merged(events: Array) -> Array:

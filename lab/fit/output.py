@@ -43,7 +43,7 @@ def check_out(out: Path, base: str) -> None:
 
 
 def write_model(found: Fitted, base: str, recordings: Sequence[str], out: Path) -> NavigationModel:
-    """Write the fitted model, if it can be loaded, and return it; a file that was there before stays until then.
+    """Write the fitted model, if it can be loaded, and return it; an existing file stays if it cannot.
 
     Raises:
         ConfigError: the numbers make no model; nothing is written.

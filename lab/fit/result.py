@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 Z95 = 1.959964
-"""Half of a 95 % interval in standard deviations."""
+"""Half width of the 95 % interval of a normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Interval:
     low: float
     high: float
     count: int = 0
-    """Number of samples; 0 = fitted to all recordings at once, not counted."""
+    """Number of samples behind the value; 0 = value fitted to all recordings at once, without a count."""
 
 
 @dataclass
@@ -22,12 +22,12 @@ class Fitted:
     """Numbers of a navigation model that were fitted to recordings of a robot."""
 
     values: dict[str, Interval] = field(default_factory=dict[str, Interval])
-    """Numbers by dotted key of the model."""
+    """Fitted value with its interval, by dotted key of the navigation model."""
     undecided: list[str] = field(default_factory=list[str])
-    """Keys that the recordings do not decide; they keep the numbers of the first model."""
+    """Dotted model keys that the recordings do not determine; they keep the values of the initial model."""
     runs: int = 0
     """Number of recordings that the fit is made from."""
     sightings: int = 0
-    """Number of matched landmarks."""
+    """Number of landmark sightings that were matched to the map, over all recordings."""
     improvement: float = 0.0
-    """Gain of the log-likelihood over the first model, nats."""
+    """Gain of the log-likelihood over that of the initial model, nats."""

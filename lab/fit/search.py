@@ -19,19 +19,21 @@ from .merged import merged
 from .result import Z95
 
 STEP = 1e-3
-"""Step of the differences for gradient and curvature."""
+"""Step of the finite differences for gradient and curvature, in the unit of the searched parameter (often a
+logarithm)."""
 IMPOSSIBLE = 1e12
-"""Value of parameters under which the filter breaks down."""
+"""Negative log-likelihood assigned to parameters under which the filter fails numerically."""
 LOWEST, HIGHEST = math.log(1e-5), 3.0
-"""ln of the standard deviations that are tried, m or rad."""
+"""Bounds `LOWEST` and `HIGHEST` of the natural logarithm of the standard deviations, m or rad, that are searched."""
 FACTOR = 10.0
-"""Largest factor, up and down, of the interval of a number that counts as known."""
+"""Factor between a value and an end of its 95 % interval above which the value counts as not determined."""
 ENOUGH = 0.5 * Z95**2
-"""nats that the likelihood falls by at the ends of a 95 % interval."""
+"""Drop of the log-likelihood from its maximum at the ends of a 95 % interval, nats."""
 EVALUATIONS, MOST_SHOWN = 270, 0.95
-"""Usual number of slopes of a search, and the largest share that is reported before its end."""
+"""`EVALUATIONS`: typical number of gradient evaluations of a search; `MOST_SHOWN`: largest progress reported before
+its end, share."""
 CENTRE = 0.41
-"""Mean of a half-normal density in 95 % ends: the value of a noise that may be zero."""
+"""Mean of a half-normal density over its 95 % bound: ratio of a noise that may be zero to its upper bound."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +43,13 @@ class Parameter:
     index: int
     """Index of the parameter in the vector of the likelihood, 0 to 20."""
     keys: tuple[str, ...]
-    """Dotted keys of the model."""
+    """Dotted keys of the navigation model that get the value of this parameter."""
     factor: float = 1.0
-    """Factor from SI to the unit of the model."""
+    """Factor from SI units to the unit in which the navigation model states the parameter."""
     bounds: tuple[float, float] | None = None
     """Bounds of the search; None = the parameter is positive, its logarithm is searched."""
     as_commanded: float | None = None
-    """Value of a robot that moves as commanded; None = there is none."""
+    """Value of the parameter for a robot that moves exactly as commanded; None = there is no such value."""
 
     @property
     def positive(self) -> bool:
@@ -158,7 +160,7 @@ def estimate(
     sightings: int,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[dict[int, FittedParameter], float]:
-    """Return the likeliest parameters by index, and the gain of the log-likelihood over `theta`, nats.
+    """Return the maximum-likelihood parameters by index, and the gain of the log-likelihood over `theta`, nats.
 
     A noise that is not known within a factor of 10, and a distance or turn that does not differ from the commanded one,
     get the value of theta again and are left out of the result; the rest is searched anew. The interval of a noise that
@@ -236,7 +238,7 @@ def _known(item: Parameter, x: float, sigma: float) -> bool:
 
 
 def _rise(surface: _Surface, best: Array, value: float, k: int, x: float) -> float:
-    """Return by how many nats -ln L rises above `value` when coordinate k of the point `best` (P,) becomes x."""
+    """Return the rise of -ln L above `value`, nats, when coordinate k of the point `best` (P,) is set to x."""
     point = best.copy()
     point[k] = x
     return float(surface.values(point[None])[0]) - value
@@ -258,7 +260,7 @@ def _upper_end(surface: _Surface, best: Array, value: float, k: int, first: floa
 
 
 def deviations(curvature: Array, slopes: Array) -> Array:
-    """Return the standard deviations of the likeliest parameters, (P,), the larger of two estimates.
+    """Return the standard deviations of the maximum-likelihood parameters, (P,), the larger of two estimates.
 
     H^-1, right if the model is right, and R / (R - 1) H^-1 (sum_r g_r g_r^T) H^-1, which also counts differences
     between the recordings that the model does not describe (White 1982; clusters are recordings). Unknown directions

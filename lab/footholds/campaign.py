@@ -24,7 +24,7 @@ from .rules import exploring_rule, model_rule, random_rule
 from .walks import ChosenStance, JoinedWalk, Setting
 
 RESTARTS = 3
-"""Number of times that a pool whose worker has died is replaced."""
+"""Number of times that a pool of worker processes is replaced after one of its workers died."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Trial:
     seed: int
     setting: Setting
     model: str = ""
-    """Path of the model that chooses; empty = every foothold is drawn at random."""
+    """Path of the slip model that chooses footholds; empty = every foothold is random."""
     explore: float = 1.0
-    """Share of the steps with random footholds, where a model chooses."""
+    """Share of the steps with a random foothold, 0 to 1, where a slip model chooses the others."""
 
     @property
     def name(self) -> str:
@@ -50,7 +50,7 @@ class Trial:
 def planned(
     grounds: Sequence[Setting], profiles: Sequence[str], seeds: Iterable[int], model: str = "", explore: float = 1.0
 ) -> list[Trial]:
-    """Return one trial for each combination of ground, map profile and seed, sorted by seed."""
+    """Return a trial (one simulated walk) for each combination of ground, map profile and seed, sorted by seed."""
     return [
         Trial(seed, replace(setting, profile=profile), model, explore)
         for seed, setting, profile in itertools.product(seeds, grounds, profiles)

@@ -1,4 +1,4 @@
-"""`surefoot footholds collect|primitives|learn|tune|merge|show|judge|score`."""
+"""Commands of slip models for footholds: `surefoot footholds collect|primitives|learn|tune|merge|show|judge|score`."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -328,12 +328,12 @@ class _Count(Progress):
         self.trials, self.out, self.done, self.samples = trials, out, 0, 0
 
     def show(self, name: str, stances: int) -> None:
-        """Report a trial that is done."""
+        """Report a completed trial of a campaign as progress."""
         self.done, self.samples = self.done + 1, self.samples + stances
         self.at(self.done / self.trials, f"{self.done} of at most {self.trials}: {name}, {stances} stances")
 
     def write(self, did: dict[str, int], json: bool) -> None:
-        """Write the number of trials that were done, under the verb of the campaign, and of samples."""
+        """Print the number of completed trials, labelled with the campaign's verb, and the number of samples."""
         if json:
             write_json({"out": str(self.out), "trials": self.trials, **did, "samples": self.samples})
             return

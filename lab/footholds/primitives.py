@@ -30,14 +30,14 @@ from .campaign import append, read
 
 PRIMITIVES: tuple[Primitive, ...] = get_args(Primitive)
 HEIGHTS = (0.01, 0.02, 0.03, 0.04)
-"""Heights of the primitives, m (paper 3.1); flat ground is tried once."""
+"""Heights of the ground primitives, m (Walas & Belter 2011, section 3.1); flat ground is tried once."""
 YAW_STEP = math.radians(45.0)
 SYMMETRY: dict[Primitive, int] = {"flat": 1, "slope": 8, "edge": 8, "hill": 1, "ridge": 4, "hole": 1, "groove": 4}
-"""Number of headings, 45 deg apart, that differ for each primitive."""
+"""Number of headings, 45 deg apart, under which each ground primitive is distinct."""
 BATCH = 4
-"""Trials of a request: a second of work, which is lost when a worker dies."""
+"""Number of trials in one request to a worker; they are lost if the worker dies."""
 Worker = Callable[[ExperimentRequest], ExperimentReply]
-"""Returns the outcomes of trials; raises SurefootError when it fails."""
+"""Function of a request for trials that returns their outcomes, or raises SurefootError if it fails."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) ->
 
 
 def own_worker(robot: Robot) -> Worker:
-    """Return a worker that does its trials in this process."""
+    """Return a worker that simulates its trials of ground primitives in this process."""
 
     def answer(request: ExperimentRequest) -> ExperimentReply:
         outcomes = tuple(outcome_of(robot, trial) for trial in request.trials)
@@ -170,7 +170,7 @@ def _work(
     robot: Robot, worker: Worker, waiting: "queue.SimpleQueue[Jobs]", found: "queue.SimpleQueue[Answer]",
     ended: threading.Event,
 ) -> None:  # fmt: skip
-    """Do batches until the campaign has ended or the worker fails."""
+    """Run batches of trials on one worker until the campaign has ended or the worker fails."""
     while not ended.is_set():
         try:
             batch = waiting.get(timeout=0.1)

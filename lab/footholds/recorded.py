@@ -26,9 +26,9 @@ from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.outcomes import sample_at
 
 CELL_M, EDGE_M = 0.005, 0.1
-"""Cell of the plane that stands in for a map, and its width about the outermost footholds, m."""
+"""Plane used in place of a height map: `CELL_M`: cell size, m; `EDGE_M`: margin around the outermost footholds, m."""
 MOST_CELLS = 4_000_000
-"""Cells of that plane from which the walk is too long for one of that cell."""
+"""Number of cells of the plane used in place of a height map, above which a recorded walk is refused."""
 
 
 def samples_of(
@@ -82,7 +82,7 @@ def _sample(
 
 
 def _plane(stances: Iterable[StanceEnd]) -> HeightMap:
-    """Return level ground about all footholds (raises SurefootError: the walk is too long)."""
+    """Return a level height map around all footholds (raises SurefootError: the walk is too long)."""
     places = np.array([stance.begin[:2] for stance in stances])
     low = places.min(axis=0) - EDGE_M
     cols, rows = (math.ceil(float(way) / CELL_M) for way in places.max(axis=0) + EDGE_M - low)

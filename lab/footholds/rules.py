@@ -14,7 +14,7 @@ from surefoot.services.footholds.select import Foothold, Landing, SelectParams, 
 from .walks import Rule
 
 DRAWS = 100_003
-"""Distance of the seeds of two walks: steps of a walk count up from its seed times this."""
+"""Difference of the step seeds of two successive walks: step i of walk `seed` has seed `seed * DRAWS + i`."""
 
 
 def model_rule(model: SlipModel, params: SelectParams) -> Rule:
@@ -29,7 +29,7 @@ def model_rule(model: SlipModel, params: SelectParams) -> Rule:
 
 
 def random_rule(seed: int) -> Rule:
-    """Return the rule that draws each foothold from the free cells of the leg's window; equal seeds, equal draws."""
+    """Return a rule that picks footholds at random from the free cells of a leg's window, reproducibly by seed."""
     return exploring_rule(seed, 1.0, model_rule(HandScore(), SelectParams()))
 
 

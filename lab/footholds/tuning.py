@@ -15,14 +15,15 @@ from .walks import Setting, walk
 
 @dataclass(frozen=True)
 class Tried:
-    """Result of the walks under one weight, over all grounds and seeds."""
+    """Result of the simulated walks under one weight of the distance to the nominal foothold, over grounds and
+    seeds."""
 
     weight: float
-    """Weight k of the way to the foothold that was tried, 1/m."""
+    """Weight k, that was tried, of the distance from nominal to chosen foothold, 1/m."""
     sliding_mm: tuple[float, ...]
-    """Mean contact sliding per stance on each ground."""
+    """Mean sliding of the contact point per stance on each kind of ground, mm."""
     failed: int
-    """Walks that did not reach the end."""
+    """Number of walks that did not reach the commanded distance."""
 
     @property
     def mean(self) -> float:
@@ -54,7 +55,7 @@ def try_weights(
 
 
 def best_of(tried: Sequence[Tried]) -> Tried:
-    """Return the result of the weight with the fewest failed walks, then with the least sliding."""
+    """Return the result of the weight with the fewest failed walks; among equals, with the least mean sliding."""
     return min(tried, key=lambda each: (each.failed, each.mean))
 
 

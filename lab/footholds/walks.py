@@ -26,12 +26,13 @@ from surefoot.services.walker.legged.standins import nominal_footholds
 from ..runs.joined import TICK_S, JoinedLoop
 
 PATIENCE_S = 5.0
-"""Longest time to stand before the walk command, s of simulated time."""
+"""Longest time that the robot may take to stand up before the walk command, s of simulated time."""
 REACHED = 0.95
-"""Share of the commanded distance that counts as the end, by truth."""
+"""Share of the commanded distance, by true position, from which a walk counts as complete."""
 
 Rule = Callable[[FootholdGround, Robot, chooser.TrunkPose, Sequence[chooser.Landing], int], Sequence[chooser.Foothold]]
-"""Chooses the footholds of legs that land together from ground, robot, base, landings and number of the step."""
+"""Function that chooses the footholds of legs that land together, from ground, robot, trunk pose, landings and step
+index."""
 
 
 @dataclass(frozen=True)
@@ -43,15 +44,15 @@ class Setting:
     distance: float = 1.5
     """Length of the walk, m."""
     amplitude: float | None = None
-    """Height of the terrain, m; None = the kind's own."""
+    """Height of the terrain, m; None = default of the terrain's kind."""
     friction: float = Physics().friction
     robot: str = "ragno"
     profile: str = "noise"
-    """Errors of the map, see `observed_map`."""
+    """Name of the error profile that is applied to the true height map, see `observed_map`."""
     delay: int = 1
     """Delay of actuation, control ticks."""
     limit_s: float = 120.0
-    """Longest walk, s of simulated time."""
+    """Simulated time after which a walk is ended even if it is not complete, s."""
     params: tuple[tuple[str, Any], ...] = ()
     """Parameters of the walker that differ from its own, by name."""
     command: MotionCommand | None = None
@@ -63,9 +64,9 @@ class ChosenStance:
     """Outcome of one finished stance, with the choice of the foothold that began it."""
 
     leg: int
-    """Index in the robot description."""
+    """Index of the leg in the robot description."""
     step: int
-    """Number of the choice in the walk."""
+    """Index of the foothold choice in the walk."""
     planned: tuple[float, float]
     """x, y of the foothold that was chosen, map frame, m."""
     nominal: tuple[float, float]
@@ -75,9 +76,9 @@ class ChosenStance:
     landed: tuple[float, float]
     """x, y of the foot centre at touch-down by truth, m."""
     sliding: float
-    """Way of the contact point in the ground plane, m."""
+    """Length of the path of the contact point in the ground plane during the stance, m."""
     displacement: float
-    """Horizontal way of the foot centre, m (the d of the paper)."""
+    """Horizontal displacement of the foot centre during the stance, m."""
     load: float
     """Mean normal force in the stance, N."""
 
@@ -102,16 +103,16 @@ class WalkVerdict:
     tilt_deg: float
     """Largest tilt of the trunk in the walk, deg."""
     sliding_mm: float
-    """Mean way of the contact point in a stance."""
+    """Mean path length of the contact point per stance, mm."""
     displacement_mm: float
-    """Mean horizontal way of the foot centre in a stance."""
+    """Mean horizontal displacement of the foot centre per stance, mm."""
     stances: int
     odometry_mm: float
-    """Error of the odometry at the end."""
+    """Position error of the odometry at the end of the walk, mm."""
     margin_mm: float
     """Smallest static margin of the walk, mm."""
     unreachable: int
-    """Targets of feet that were out of reach, over all ticks."""
+    """Number of foot targets out of the leg's reach, summed over all control ticks of the walk."""
     costs_us: tuple[float, ...] = field(repr=False, default=())
     """Wall time of the walker per tick, us."""
     slides_mm: tuple[float, ...] = field(repr=False, default=())
@@ -119,7 +120,7 @@ class WalkVerdict:
 
 
 class _PendingChoice(NamedTuple):
-    """A choice that waits for its stance."""
+    """Foothold choice whose stance has not begun yet."""
 
     step: int
     request: FootholdRequest
@@ -131,13 +132,13 @@ class StanceObserver:
 
     def __init__(self, world: PhysicsWorld) -> None:
         self.tilt = 0.0
-        """Largest tilt so far, rad."""
+        """Largest tilt of the trunk in the walk so far, rad."""
         self.sliding: list[float] = []
-        """Way of the contact point in each finished stance, m."""
+        """Path length of the contact point in each finished stance, m."""
         self.displacement: list[float] = []
-        """Horizontal way of the foot centre in each finished stance, m."""
+        """Horizontal displacement of the foot centre in each finished stance, m."""
         self.found: list[ChosenStance] = []
-        """Finished stances that a choice began."""
+        """Finished stances whose foothold was chosen by the rule."""
         self._stances = world.truth().stances.copy()
         n = len(self._stances)
         self._chosen: list[_PendingChoice | None] = [None] * n
@@ -229,7 +230,7 @@ class JoinedWalk(JoinedLoop):
         self.unreachable, self.margin = 0, math.inf
 
     def tick(self) -> bool:
-        """Advance by one tick; return True while the walk goes on."""
+        """Advance the simulated walk by one control tick; return True while it goes on."""
         out = self.decide()
         self.unreachable += out.unreachable
         self.margin = self.margin if out.margin is None else min(self.margin, out.margin)
@@ -244,13 +245,13 @@ class JoinedWalk(JoinedLoop):
         return not self.stances.look(self.world) and self.world.tick * TICK_S < self.setting.limit_s
 
     def run(self) -> Self:
-        """Advance to the end, a refusal, a fall or the time limit."""
+        """Simulate the walk to the commanded distance, a refused command, a fall or the time limit; return the walk."""
         while self.tick():
             pass
         return self
 
     def verdict(self) -> WalkVerdict:
-        """Return the outcome of the walk."""
+        """Return the outcome of the simulated walk so far."""
         truth, out, stances = self.world.truth(), self.out, self.stances
         assert out is not None
         odometry = math.hypot(*(np.array(self.estimator.pose().position[:2]) - truth.position[:2]))

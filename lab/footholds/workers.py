@@ -12,7 +12,7 @@ from surefoot.schemas.topics import SIM_EXPERIMENT
 from .primitives import Worker
 
 PATIENCE_S = 30.0
-"""Longest wait for the reply to a batch, s: ten times the usual one."""
+"""Longest wait for a worker's reply to a batch of trials, s; after it the worker counts as lost."""
 
 
 def remote_worker(client: Client, patience_s: float = PATIENCE_S) -> Worker:

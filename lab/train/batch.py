@@ -21,33 +21,33 @@ from surefoot.services.navigator.policy.params import NavigationModel
 
 OBSERVATION = 6
 THREADED = 512
-"""Least number of episodes for which more than one thread pays."""
+"""Number of parallel episodes from which on more than one thread is used."""
 
 
 class BatchRoom(NamedTuple):
     """Work arrays of a step of many episodes: inputs and results, one row per episode."""
 
     episodes: Ints
-    """Number of the episode that begins next, (count,)."""
+    """Number of the episode that begins next in each row, which selects its random draws, (count,)."""
     chosen: Ints
-    """Action of each, (count,)."""
+    """Index of the action that each episode takes next, (count,)."""
     renew: Flags
-    """Episodes that begin anew instead of acting, (count,)."""
+    """True for episodes that restart in this call, False for those that take their action, (count,)."""
     observation: Array
     """Observations of the episodes, (count, OBSERVATION)."""
     mask: Flags
-    """Actions that are allowed, (count, A)."""
+    """True for actions that are allowed in each episode, False for others, (count, A)."""
     reward: Array
-    """Reward of the last action, (count,)."""
+    """Reward of the last action of each episode, (count,)."""
     terminated: Flags
-    """The goal was reached, (count,)."""
+    """True for episodes that ended because the robot reached the goal, (count,)."""
     truncated: Flags
-    """The episode is out of time, (count,)."""
+    """True for episodes that ended at the time limit, (count,)."""
 
 
 @free_kernel
 def _observe(model: ModelTables, state: EpisodeState, e: int, batch: BatchRoom) -> None:
-    """Write row e of observation, mask and ends."""
+    """Write row e of the batch: observation, mask of allowed actions, and the flags of goal and time limit."""
     mean, status, row = state.ahead_mean, state.status, batch.observation[e]
     d, phi, h = features(mean, state.ahead_cov, model.scene[0].goal_x, model.scene[0].goal_y)
     row[0] = min(d, 100.0)
@@ -81,7 +81,7 @@ def _step(
     batch: BatchRoom,
     room: EpisodeRoom,
 ) -> None:
-    """Begin the episodes of a part (first, end) that are to be renewed, act once in the others, in place."""
+    """Begin the flagged episodes of a part (first, end), and do one action in each of its others, in place."""
     stride = batch.episodes.size
     for e in range(part[0], part[1]):
         state = EpisodeState(
@@ -140,7 +140,7 @@ class EpisodeBatch:
         self.reseed(0)
 
     def reseed(self, seed: int) -> None:
-        """Set the seed (>= 0) from which the following episodes are drawn, beginning with its first one."""
+        """Set the seed (>= 0) of the following episodes, starting with the first episode of that seed."""
         if seed < 0:
             raise SurefootError("invalid", f"got {seed}, allowed is a seed >= 0", "seed")
         self._run = (seed % (1 << 62)) + 1
@@ -148,11 +148,11 @@ class EpisodeBatch:
 
     @property
     def seconds(self) -> Array:
-        """Time of each episode so far, s, (count,)."""
+        """Simulated time since the beginning of each episode, (count,) s."""
         return self._states.status["time"]
 
     def begin(self, which: Flags) -> None:
-        """Begin a new episode where `which` (count,) is true."""
+        """Begin a new episode where `which` (count,) is True; the others stay as they are."""
         self._room.renew[:] = which
         self._call(only_renew=True)
 

@@ -1,4 +1,4 @@
-"""`surefoot train` and `surefoot evaluate`."""
+"""Commands `surefoot train` and `surefoot evaluate`, for policies of the navigator."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,7 +20,7 @@ app.add_typer(evaluate)
 
 @train.callback()
 def _group() -> None:
-    """Make policies."""
+    """Compute or learn navigation policies (group of commands `surefoot train`)."""
 
 
 @train.command("navigator")

@@ -1,4 +1,4 @@
-"""Command `surefoot evaluate`: measures of a policy or fit."""
+"""Command `surefoot evaluate`: statistics of a navigation policy, or of a fitted navigation model, over episodes."""
 
 import re
 from collections.abc import Callable
@@ -24,7 +24,7 @@ MAX_EPISODES = 1_000_000
 
 @evaluate.callback()
 def _group() -> None:
-    """Measure how good something is that was trained or fitted."""
+    """Measure the performance of a trained policy or a fitted model."""
 
 
 def seeds_of(text: str) -> "Seeds":

@@ -21,7 +21,7 @@ EVALUATION = 0
 """Random stream of evaluations; training run k uses stream k + 1, so no episode serves both."""
 CHUNK = 100
 ELLIPSE_95 = float(stats.chi2.ppf(0.95, 3))
-"""NEES on the edge of the ellipsoid that holds 95 % of a pose."""
+"""NEES (normalised estimation error squared) of a pose x, y, yaw on the boundary of its 95 % confidence ellipsoid."""
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,9 @@ from surefoot.services.navigator.policy.choose import (
 from surefoot.services.navigator.policy.grids import D_MAX, D_MIN, LAYER_MAX, LAYER_MIN, MIRRORED, place
 
 ALPHA_FIRST, ALPHA_LAST, EPS_FIRST, EPS_LAST, LAMBDA, ACCUMULATE, AVERAGE_FROM = 0, 1, 2, 3, 4, 5, 6
-"""Settings: step size and exploration at the first and last episode (exponential in between), trace decay, 1 =
-accumulating traces, share of the episodes after which tables are averaged."""
+"""Indices into the training settings: `ALPHA_*`: step size and `EPS_*`: exploration at first and last episode;
+`LAMBDA`: trace decay; `ACCUMULATE`: 1 = accumulating traces, 0 = replacing; `AVERAGE_FROM`: share of the episodes
+after which tables are averaged."""
 SETTINGS = 7
 LEAST_TRACE = 1e-4
 EXPLORE = 1_000_000  # purpose of the stream of exploration, beyond all steps
@@ -74,43 +75,44 @@ def corners(table: Array, grid: Array, d: float, phi: float, h: float, cells: In
 
 
 class Lessons(NamedTuple):
-    """Tables that a training changes, with its settings and the times of its episodes."""
+    """Action-value tables that a Sarsa(lambda) training changes, with its settings and the durations of its
+    episodes."""
 
     table: Array
     """Action values, (layers, nd, nphi, A) s."""
     mean_table: Array
-    """Sum of the tables that are averaged, of the same shape."""
+    """Sum of the action-value tables that are averaged, (layers, nd, nphi, A) s."""
     grid: Array
     """Axes of the table, (GRID,), see `grids`."""
     settings: Array
-    """Numbers of the training, (SETTINGS,)."""
+    """Settings of the training, (SETTINGS,), indexed by `ALPHA_FIRST` ... `AVERAGE_FROM`."""
     seconds: Array
-    """Time of each episode, s, (episodes,)."""
+    """Duration of each training episode in simulated time, (episodes,) s."""
 
 
 class EligibilityTraces(NamedTuple):
     """Eligibility traces of one episode, and the points of the grid around its present state."""
 
     place_of: Ints
-    """Place of each cell of the flat table in the list, -1 = it has no trace, (cells,)."""
+    """Index in `active` of each cell of the flat action-value table, (cells,); -1 = the cell has no trace."""
     active: Ints
-    """Cells that have a trace, (cells,)."""
+    """Indices of the flat action-value table's cells that have an eligibility trace, (cells,)."""
     eligibility: Array
-    """Eligibility of each cell that has a trace, (cells,)."""
+    """Eligibility of each cell listed in `active`, (cells,), no unit."""
     cells: Ints
-    """Cells of action 0 at the 8 points around the state, (8,)."""
+    """Indices of the flat table's cells of action 0 at the 8 grid points around the state, (8,)."""
     weights: Array
-    """Weights of these points, (8,)."""
+    """Interpolation weights of the 8 grid points around the state, (8,), sum 1."""
 
 
 class LearningRoom(NamedTuple):
-    """Arrays that the kernel `learn` writes its intermediate results into."""
+    """Work arrays of the kernel `learn` for one episode of Sarsa(lambda)."""
 
     state: EpisodeState
     room: EpisodeRoom
     choice: ChoiceRoom
     explore: Stream
-    """Random stream of exploration, (4,) uint64."""
+    """State of the random generator that draws exploratory actions, (4,) uint64."""
     traces: EligibilityTraces
 
 
@@ -162,7 +164,7 @@ def _credit(flat: Array, traces: EligibilityTraces, count: int, step: float, dec
 
 @free_kernel
 def _mark(flat: Array, traces: EligibilityTraces, own: int, count: int, accumulate: bool) -> tuple[float, int]:
-    """Leave a trace of action `own` at the points around a state; return its value and the number of traces.
+    """Set eligibility traces of action `own` at the points around a state; return its value and the trace count.
 
     `flat`: the table of values, flattened; `count`: traces before; `accumulate`: add to a trace, else replace it.
     """
@@ -187,7 +189,7 @@ def _mark(flat: Array, traces: EligibilityTraces, own: int, count: int, accumula
 def _learn_episode(
     lessons: Lessons, policy: PolicyTables, model: ModelTables, run: int, e: int, part: float, room: LearningRoom
 ) -> None:
-    """Learn from episode e, in place; `part` is the share of the training that lies before it."""
+    """Update the action values by episode e, in place; `part`: share of the training before it, 0 to 1."""
     scene, settings, state, traces = model.scene[0], lessons.settings, room.state, room.traces
     status, values, gx, gy = state.status, room.choice.values, scene.goal_x, scene.goal_y
     flat, gamma = lessons.table.reshape(-1), scene.gamma
@@ -221,7 +223,7 @@ def _learn_episode(
 
 @free_kernel
 def learn(lessons: Lessons, model: ModelTables, run: int, start: int, end: int, room: LearningRoom) -> None:
-    """Learn from episodes start .. end - 1, in place.
+    """Update the action values by Sarsa(lambda) over episodes start .. end - 1, in place.
 
     Args:
         lessons: tables that are changed; `seconds` has an element for each episode of the whole training.

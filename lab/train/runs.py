@@ -1,4 +1,4 @@
-"""Several trainings at once, and selection of the best."""
+"""Parallel Sarsa(lambda) trainings of a navigation policy, and selection of the best."""
 
 import threading
 from collections.abc import Callable
@@ -17,7 +17,8 @@ from ..pools import worker_threads
 from .sarsa import Schedule, Training, train
 
 SELECTION = 2**40
-"""Random stream of the episodes by which one of several trainings is chosen: of no evaluation, of no training."""
+"""Index of the random stream of the episodes that select one of several trainings; no training or evaluation uses
+it."""
 SELECTED_ON = 500  # episodes
 
 

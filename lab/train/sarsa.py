@@ -1,4 +1,4 @@
-"""Training of a Sarsa(lambda) policy in pieces, with checkpoints."""
+"""Training of a Sarsa(lambda) navigation policy in batches of episodes, with a checkpoint after each."""
 
 import hashlib
 import io
@@ -74,7 +74,7 @@ class Schedule:
 
 @dataclass
 class Training:
-    """Training of a policy in progress, whose state a checkpoint holds."""
+    """Sarsa(lambda) training of a navigation policy in progress; a checkpoint file holds its state."""
 
     model: NavigationModel
     seed: int
@@ -96,7 +96,7 @@ class Training:
         self._room = learning_room(self.world, self.table.size)
 
     def advance(self, episodes: int) -> None:
-        """Train for the next `episodes` episodes."""
+        """Train the policy over the next `episodes` episodes, at most to the end of the schedule."""
         end = min(self.done + episodes, self.schedule.episodes)
         learn(self._lessons, self.world.tables, self.seed + 1, self.done, end, self._room)
         self.done = end
@@ -123,7 +123,7 @@ class Training:
         return hashlib.sha256(f"{self.model.sha256()} {self.schedule.sha256()} {self.seed}".encode()).hexdigest()
 
     def keep(self, path: Path) -> None:
-        """Write a checkpoint, completely or not at all."""
+        """Write the state of the training to a checkpoint file, completely or not at all."""
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer,
@@ -152,7 +152,7 @@ class Training:
 
 
 def train(training: Training, checkpoint: Path | None, note: Callable[[Training], None]) -> Policy:
-    """Run a training to its end and return the policy.
+    """Run a Sarsa(lambda) training to its end and return the learned policy.
 
     Args:
         training: training to begin or to continue.

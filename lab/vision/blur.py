@@ -37,7 +37,7 @@ from .replay import RecordedMotion, TakenAt
 
 CAMERA, ROBOT = "nao_eyes", "nao"
 KNOWN_SD = 0.03
-"""m and rad, uncertainty of the belief that restricts the search."""
+"""Standard deviation of the belief about the pose that limits the landmark search, m (x, y) and rad (yaw)."""
 COUNT = 250
 ALL = RecogniseParams(most=10_000)
 
@@ -154,7 +154,7 @@ def flow(before: CameraPose, now: CameraPose, dt: float, focal: float) -> float:
 
 
 def _matched(eye: Eye, world: FeatureMap, image: CameraImage, base: FloorPose, pose: CameraPose) -> tuple[int, int]:
-    """Return landmarks in view and recognised, for a belief of the true pose."""
+    """Return the numbers of landmarks in view and recognised in an image, for a belief at the true pose."""
     belief = Believed(pose.base, np.eye(3) * KNOWN_SD**2)
     seen = eye.look(image, base, belief)
     return int(in_view(world, eye.patch, image, pose).sum()), len(seen.landmarks)
@@ -214,7 +214,7 @@ def along(walk: RecordedMotion, images: Iterable[TakenAt | None], world: Feature
 
 
 def camera_at(walk: RecordedMotion, tick: int) -> CameraPose:
-    """Return the true pose of the camera at a tick of a walk."""
+    """Return the true pose of the camera at a control tick of a recorded walk."""
     truth = walk.ticks[tick][SIM_TRUTH.key]
     return camera_pose(
         walk.robot, _camera(), np.array(truth.position), np.array(truth.quat_wxyz), np.array(truth.joints)

@@ -49,7 +49,7 @@ class RecordedMotion:
     ticks: list[dict[str, Any]]
 
     def truth(self, tick: int) -> tuple[float, float, float]:
-        """Return the true x, y (m) and heading (rad) at a tick."""
+        """Return the true x, y (m) and heading (rad) of the robot at a control tick."""
         message = self.ticks[tick][topics.SIM_TRUTH.key]
         w, x, y, z = message.quat_wxyz
         return (*message.position[:2], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
@@ -80,7 +80,7 @@ class TakenAt(NamedTuple):
     tick: int
     image: CameraImage
     pose: CameraPose
-    """Pose of the camera when the image arrived."""
+    """True pose of the camera at the time when its image arrived."""
 
 
 def images_of(
@@ -128,7 +128,7 @@ class Published(NamedTuple):
 
     @property
     def nees(self) -> float:
-        """Normalised squared error of the pose per degree of freedom."""
+        """NEES of the pose x, y, yaw (normalised squared error) divided by its 3 degrees of freedom."""
         return float(self.error @ np.linalg.solve(self.covariance, self.error)) / 3.0
 
 
@@ -145,7 +145,7 @@ class _Outlet:
         raise NotImplementedError
 
     def log(self, level: str, text: str) -> None:
-        """Drop the line: a replay has no log."""
+        """Discard a log line; a replay writes no log."""
 
 
 @dataclass
@@ -199,7 +199,7 @@ class WalkReplay:
         return found
 
     def _believe(self, messages: dict[str, Any], seen: SeenLandmarks | None, localiser: Localiser, now: int) -> None:
-        """Let the belief take odometry and landmarks of a tick."""
+        """Update the localiser with the odometry and the recognised landmarks of a tick."""
         odometry, gait = messages[topics.STATE_ODOMETRY.key], GaitView.of(messages[topics.STATE_GAIT.key])
         if odometry.initialised:
             localiser.odometry(odometry, now * 1e-9)
