@@ -17,9 +17,10 @@ from .traces import Traces
 NIS = "NIS of the velocity filter, a slide of each foot allowed for"
 """Title of the velocity filter's NIS; its covariance allows for slides, so feet that stand firmly stay far below 1."""
 BOUND = 0.95
-"""Share of a consistent filter's values below the bound."""
+"""Probability with which a normalised square (NEES or NIS) of a consistent filter lies below the bound in its chart."""
 OVERCONFIDENT, CAUTIOUS = 1.5, 0.5
-"""Mean over degrees of freedom above and below which a filter is called so; samples of a run are correlated."""
+"""Mean of the normalised squares over their degrees of freedom, limits: above `OVERCONFIDENT` and below `CAUTIOUS`
+a filter gets that verdict, in between it counts as consistent."""
 
 
 @dataclass(frozen=True)

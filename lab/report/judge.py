@@ -60,7 +60,7 @@ METRICS: Mapping[str, Metric] = {
 
 
 SIBLINGS = {"min_margin_measured_m": "min_margin_m"}
-"""Metrics without a limit of their own, each with the one whose limit it is compared with."""
+"""Metrics without a limit of their own; each maps to the metric (of `METRICS`) whose limit is applied to it."""
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,12 @@ READ = (
 )  # fmt: skip
 
 NEEDED = {"hw/imu": {"gyro", "acc"}, "hw/joints": {"position"}, "hw/contacts": {"touch"}}
-"""Fields without which a message is none; others may be missing, as in recordings of other versions."""
+"""Fields by message key without which a recorded message is skipped; all other fields may be missing."""
 CLOCKS = ("hw/tick", "sim/truth", "hw/imu")
-"""Keys with a message each control tick."""
+"""Keys of topics with one message in each control tick, which serve as clocks of a recording."""
 JUMP_S, BACK_S = 60.0, 0.05
-"""Time between two messages of a clock that counts as a jump, forward and back, s."""
+"""Clock jumps: `JUMP_S`: step between two messages of a clock, s, above which it jumps forward; `BACK_S`: step back, s,
+above which it jumps back."""
 
 
 @dataclass
@@ -35,15 +36,15 @@ class Signals:
 
     rows: dict[str, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
     joints: tuple[str, ...] = ()
-    """Names of the joints, where the robot is known."""
+    """Joint names of the recorded robot in message order; empty = the robot is unknown."""
     feet: tuple[str, ...] = ()
-    """Names of the legs, where the robot is known."""
+    """Leg names of the recorded robot in message order; empty = the robot is unknown."""
     damage: str = ""
-    """Why not all of the recording can be read; empty = it is whole."""
+    """Reason why a part of the recording cannot be read, in words; empty = all of it can be read."""
     jumps: str = ""
-    """Where its clocks go back, or forward by more than `JUMP_S`; empty = nowhere."""
+    """Clock jumps of the recording in words: back, or forward by more than `JUMP_S`; empty = none."""
     version: str = ""
-    """Version of surefoot that recorded it, where it is another than this one; else empty."""
+    """Version of surefoot that made the recording, where it differs from the running version; else empty."""
 
     def joint(self, index: int) -> str:
         """Return the name of a joint, or `joint <index>` where the robot is unknown."""

@@ -30,12 +30,12 @@ KEYS = (
     "hw/image",
     "state/landmarks",
 )
-"""Keys with data on a run; others are ignored."""
+"""Topic keys whose messages are collected as time series of a run; messages of other keys are ignored."""
 
 
 @dataclass(frozen=True)
 class StanceTrace:
-    """One finished stance of one foot: when it ended (s), which foot, way its contact point slid (m), where (m)."""
+    """One finished stance of one foot: end time (s), foot index, slide of its contact point (m), place (m)."""
 
     time: float
     foot: int
@@ -47,7 +47,7 @@ class StanceTrace:
 
 @dataclass(frozen=True)
 class Mark:
-    """Something worth a mark in the report: when (s) and what, in words."""
+    """Event marked in the report of a run: time, s, and description in words."""
 
     time: float
     text: str
@@ -87,20 +87,20 @@ class Traces:
 
     epoch: int = -1
     rows: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
-    """Per key one row of numbers a message; first the simulated time in s."""
+    """One row of numbers per message, by topic key; the first column is the simulated time, s."""
     stances: list[StanceTrace] = field(default_factory=list)
     events: list[Mark] = field(default_factory=list)
     choices: list[DecisionTrace] = field(default_factory=list)
     goals: list[GoalEnd] = field(default_factory=list)
     sights: SightKeeper = field(default_factory=SightKeeper)
     ground: tuple[Array, float, tuple[float, float]] | None = None
-    """Heights (ny, nx) m, cell m, centre of cell [0, 0] (x, y) m of the map that the robot was given."""
+    """Elevation map given to the robot: heights (ny, nx) m, cell size m, centre (x, y) m of cell [0, 0]; None = no map."""
     fallen_at: float | None = None
     touches: int | None = None
-    """Times that the robot began to touch an obstacle of the world; None = it has none."""
+    """Number of times at which the robot began to touch an obstacle; None = the world has no obstacles."""
     last_tick: int = -1
     refused: bool = False
-    """Some messages could not be read."""
+    """True if some messages could not be decoded and are missing here, False if all were."""
     _finished: tuple[int, ...] = ()
     _gait: tuple[str, str] = ("", "")
     _touching: bool = False
@@ -249,7 +249,7 @@ _READERS = {
 
 
 class KeptMessage(Protocol):
-    """A message as it came from the bus or from a recording."""
+    """Encoded message as received from the bus or read from a recording."""
 
     @property
     def key(self) -> str:

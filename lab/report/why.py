@@ -12,18 +12,18 @@ from .signals import Signals, read_signals, spans
 
 TILTED = math.radians(45.0)
 SLIPPED_M = 0.008
-"""Way of a foot in one stance that counts as a slip, m."""
+"""Slide of a contact point within one stance, m, above which the stance counts as a slip."""
 LOOKED_FOR = (
     f"no fall, stop, halt, missed goal, slip over {1e3 * SLIPPED_M:.0f} mm, stance without support or abandoned walk"
 )
 ON_THE_WAY = ("walking", "turning", "stopping", "recovering")
-"""States of a walk that has begun."""
+"""Walker states in `state/gait` in which a walk has begun and is not over."""
 BEFORE_S = 4.0
-"""Time before the end at which a cause may have ended and still be one, s."""
+"""Longest time, s, between the end of a cause and the failure of the run; events that ended earlier are no causes."""
 TOGETHER_S = 0.25
-"""Longest time between the begin of a cause and that of its effect, s."""
+"""Time between the begins of two events, s, up to which they count as simultaneous: a cause and its direct effect."""
 SEVERAL = 3
-"""Number of joints that a push, but no fault of a servo, takes off their commands together."""
+"""Least number of joints that leave their commands together from which a push is the cause, not a servo fault."""
 
 
 @dataclass(frozen=True)
