@@ -11,11 +11,11 @@ from surefoot.schemas.base import Message
 
 LINES = 15
 SPAN_S = 10.0
-"""Simulated time that a picture shows."""
+"""Span of simulated time that the plot of a message field shows, s."""
 LABEL = 10
-"""Letters of a value beside the picture."""
+"""Width of the axis labels beside the plot, characters."""
 MOST = 8
-"""Curves at most, those of the first elements of a list."""
+"""Largest number of curves in a plot; of a longer list only the first elements are drawn."""
 
 
 class Curves:

@@ -21,9 +21,9 @@ USAGE = (
     "unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed", "unreadable", "not_found",
     "no_samples", "not_live", "unknown_name",
 )  # fmt: skip
-"""Codes of errors in the user's own words or files, which end with `EXIT_USAGE`."""
+"""Error codes that the user's arguments or files cause; a command that fails with one exits with `EXIT_USAGE`."""
 WRONG_PATH = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectoryError)
-"""Errors of a path that the user has named; a full or read-only disk is none."""
+"""Exceptions that a wrong path given by the user causes; those of a full or read-only disk are not among them."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 Connect = Annotated[
@@ -48,7 +48,7 @@ class OutputState:
     debug: bool = False
     json: bool = False
     log: bool = False
-    """Messages go to a log, each line with its time."""
+    """True: notices are log lines with time and level; False: plain lines for people."""
 
 
 state = OutputState()

@@ -8,10 +8,10 @@ from typer import style
 
 GAP = "  "
 LEAST_TEXT = 24
-"""Least width of a column whose cells are wrapped, characters; below it the rows become blocks."""
+"""Least width of a column with wrapped cells, characters; where less is available, each row is printed as a block."""
 
 Cell = tuple[str, str]
-"""Text and style; a style is the name of a colour, after `bold ` where wanted, or empty."""
+"""Cell of a table: its text and its style, the name of a colour with an optional `bold ` before it, or empty."""
 
 
 def table_lines(

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from surefoot.schemas.stability import StabilityStatus
 
 KEPT = 4096
-"""Messages of a topic that are kept for its statistics; the oldest are dropped."""
+"""Largest number of messages of a topic that are kept for its statistics; the oldest are dropped."""
 TICKS = 512
-"""Ticks whose arrival is remembered."""
+"""Number of latest control ticks of which the arrival of the first message is kept."""
 COLUMNS, LINES = 41, 13
-"""Letters of the picture."""
+"""Size of the support polygon picture, characters: `COLUMNS` across, `LINES` down."""
 LEAST_M = 0.05
-"""Smallest half width of the picture, m."""
+"""Smallest half extent of the area that the support polygon picture shows, m."""
 
 
 class TopicTraffic(NamedTuple):
@@ -28,12 +28,12 @@ class TopicTraffic(NamedTuple):
 
     key: str
     hz: float
-    """Rate in wall time."""
+    """Message rate of the topic in wall time, Hz."""
     kb_per_s: float
     bytes: float
-    """Mean size of a message with its attachment."""
+    """Mean size of a message of the topic with its attachment, bytes."""
     p50_ms: float
-    """From the arrival of the first message of a tick to that of this topic's message of that tick."""
+    """Median time from the arrival of a tick's first message on any topic to that of this topic's message, ms."""
     p99_ms: float
 
 

@@ -40,10 +40,10 @@ SILENCE_S = 2.0  # s wall, after so long without a message the reason is looked 
 CLEAR = "\x1b[H\x1b[2J"
 """Escape sequence that clears a terminal."""
 REDRAWN_S = 0.2
-"""Wall time between two pictures of a plot."""
+"""Wall time between two redraws of a plot in the terminal, s."""
 HEADER = ("stamp_ns", "tick", "epoch", "seq", "source")
 SHOWN, LONGEST = 24, 200
-"""Elements of a list and characters of a text that a readable line shows."""
+"""Limits of a readable line: `SHOWN`: elements of a list, `LONGEST`: characters of a text; the rest is cut off."""
 
 app = typer.Typer(help="Topics: list, show, echo, publish, measure.", no_args_is_help=True)
 Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.", autocompletion=topics)]

@@ -32,13 +32,13 @@ from .progress import Progress
 
 DEFAULT_SYSTEM = "ragno"
 BROUGHT = PACKAGE / "kernels" / "brought.txt"
-"""Names of the jobs whose kernels came with a compiled wheel."""
+"""File with the names of the jobs whose kernels came with a compiled wheel, separated by white space."""
 ORDER = ("estimator", "stability", "walker", "footholds", "simulator")
-"""The longest first. What stability and the walker have in common is compiled once: one process takes both."""
+"""Services in order of compilation, the longest first; one process compiles stability and walker, which share code."""
 
 COSTS_S = {"estimator": 36.0, "stability": 61.0, "walker": 17.0, "footholds": 15.0, "simulator": 6.0, "navigator": 37.0}
 OTHER_S = 10.0
-"""Usual processor time of the compilation of a service's kernels on a slow core, and that of other services, s."""
+"""Processor time to compile the kernels of a service on a slow core, s: `OTHER_S`: for services not in `COSTS_S`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Job:
     service: str
     robot: str
     rare: bool = False
-    """With the kernels that only rare queries need."""
+    """True: also compile kernels that only rare queries need; False: only those of regular operation."""
 
     @property
     def name(self) -> str:
@@ -69,9 +69,9 @@ class Warmed:
     service: str
     robot: str
     kernels: int
-    """Functions that Python calls; each holds the code of all that it calls itself."""
+    """Number of compiled functions that Python calls; each holds the code of all functions that it calls itself."""
     compiled: int
-    """Functions that were not in the cache, with those that kernels and numba call."""
+    """Number of functions that were compiled as they were not in the cache, with those that kernels and numba call."""
     seconds: float
     files: dict[str, str] = field(default_factory=dict[str, str], repr=False)
     """Files that keep the kernels, each with the hash of the sources that it holds."""
