@@ -19,12 +19,13 @@ from .shapes import DrawnGround
 from .styles import STYLES, VALUES
 
 UNITS_PER_M = 10_000
-"""Lengths on a page are whole tenths of a millimetre: they are short, and more cannot be seen."""
+"""Resolution of lengths in the data of a page, units per metre: lengths are integers in tenths of a millimetre."""
 FRAMES_HZ, MOST_FRAMES = 25.0, 2500
-"""Frames of a second of simulated time, and of a whole film, whose frames are then further apart."""
+"""`FRAMES_HZ`: frames per second of simulated time; `MOST_FRAMES`: largest number of frames of a film, above which they
+are further apart."""
 NS = 1e-9
 SLOWEST_POSE_S = 0.1
-"""Longest time between messages of a pose at their rates, s."""
+"""Longest time between two messages of a pose topic at its nominal rate, s."""
 STYLE_NUMBERS = {name: number for number, name in enumerate(STYLES)}
 
 

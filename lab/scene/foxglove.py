@@ -17,8 +17,8 @@ KINDS = {
     "/tf": "FrameTransforms", "/robot": "SceneUpdate", "/scene": "SceneUpdate", "/ground": "SceneUpdate",
     "/map": "Grid", "/odometry": "Odometry", "/joint_states": "JointStates", "/pose": "PoseInFrame", "/log": "Log",
 }  # fmt: skip
-"""Kinds of the channels by topic. Beside them are `/values` in JSON, and a cloud of points for each link and the ground
-under `/shape/`, for viewers that know no scenes."""
+"""Foxglove message type of each channel by topic. Besides, `/values` is JSON, and there is a point cloud for each link
+and the ground under `/shape/`, for viewers that cannot show scenes."""
 LEVELS = {"debug": "Debug", "info": "Info", "warning": "Warning", "error": "Error"}
 
 

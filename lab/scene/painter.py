@@ -13,17 +13,17 @@ from .shapes import DrawnGround
 from .styles import STYLES, VALUES
 
 FINER = 2
-"""Pixels across for one of the picture, which is made smaller at the end: smooth edges."""
+"""Factor of supersampling per axis: pictures are drawn this much larger and reduced at the end, for smooth edges."""
 AZIMUTH, ELEVATION = -0.95, 0.5
-"""Direction of the view, rad, as the pages begin."""
+"""Azimuth and elevation of the viewing direction, rad, equal to the initial view of the pages."""
 SUN = np.array([-0.42, -0.38, 0.82])
 SKY, LOW_SKY, INK, SOFT = (223, 232, 240), (247, 249, 251), (28, 39, 51), (93, 107, 120)
 SQUARE = 0.1
-"""Edge of the squares on the ground, m."""
+"""Edge length of the grid squares drawn on the ground, m."""
 FLAT = ("fill", "ring")
 """Kinds of items that lie on the ground, under the robot."""
 SHOWN = ("margin", "tilt", "speed")
-"""Numbers written on the picture."""
+"""Names in `VALUES` of the numbers written on the picture."""
 
 
 class Viewpoint(NamedTuple):

@@ -16,7 +16,8 @@ from .styles import STYLES
 INSTALL = "pip install 'surefoot[foxglove]'"
 GROUND_COLOUR = "#b9bfb4"
 AROUND, APART = 8, 0.012
-"""Points around a limb or ball of a cloud, and the distance between its points, share of the robot's extent."""
+"""Point clouds of the robot: `AROUND`: number of points around a limb or ball; `APART`: distance between points, as a
+share of the robot's extent."""
 
 
 def sdk() -> Any:

@@ -18,7 +18,8 @@ from .film import Film, film_of_recording
 from .painter import Painter
 
 GAP_S, MOST_GAPS = 1.0, 5
-"""Time without a pose that a moving picture leaves out, s, and most of them that are named."""
+"""`GAP_S`: time without a pose, s, above which a moving picture leaves it out; `MOST_GAPS`: largest number of such gaps
+that are listed."""
 
 
 class Shot(NamedTuple):

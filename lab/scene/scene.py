@@ -30,18 +30,18 @@ KEYS = (
     "state/stability", "footholds/chosen", "state/pose", "state/landmarks", "navigator/feedback", "terrain/map",
     "terrain/landmarks",
 )  # fmt: skip
-"""Keys that a scene is made of; others are ignored."""
+"""Topic keys whose messages update a scene; messages of other keys are ignored."""
 
 POSTURE = ("sim/truth", "state/odometry", "hw/joints")
-"""Keys of the pose of the robot, the best first; a snapshot has the time of its pose."""
+"""Topic keys that give the robot's pose and posture, the best first; a snapshot has the time of the one used."""
 SAME_PLACE = 1e-3
-"""Distance within which the foothold of the gait is the one that the service chose, m."""
+"""Distance, m, up to which the gait's foothold counts as the one that the foothold service chose."""
 FORCE_LENGTH = 1.2
-"""Length of an arrow for a force of the robot's weight, share of the robot's extent."""
+"""Length of the arrow for a force equal to the robot's weight, as a share of the robot's extent."""
 SLIPS = 0.002
-"""Way of a contact point in its stance from which a foot is drawn as sliding, m."""
+"""Slide of a contact point during its stance, m, above which the foot is drawn as sliding."""
 CONFIDENCE_95 = 2.4477
-"""Half axes of the ellipse that holds 95 % of a plane normal distribution, in standard deviations."""
+"""Half axis of the 95 % ellipse of a two-dimensional normal distribution, in standard deviations."""
 ELLIPSE = np.linspace(0.0, 2.0 * math.pi, 25)[:-1]
 LANDMARKS_DRAWN = 2000
 UP = np.array([0.0, 0.0, 1.0])
@@ -106,10 +106,10 @@ class RobotScene:
     robot: Robot
     ground: DrawnGround | None = None
     marks: list[Lasting] = field(default_factory=list[Lasting])
-    """Items that stay: ends of stances, landmarks."""
+    """Items that stay in all later snapshots: footprints of ended stances and landmarks."""
     epoch: int = -1
     strict: bool = False
-    """A message that cannot be read is raised by `snapshot`; else the scene lacks it."""
+    """True: `snapshot` raises the error of a message that cannot be read; False: such a message is left out."""
 
     def __post_init__(self) -> None:
         self.body = body_of(self.robot)

@@ -10,13 +10,13 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 
 TRUNK, LEG, SERVO, FOOT, NOSE = "#3d5a80", "#9fb3c8", "#46566a", "#2b3a4a", "#ee9b3a"
-"""Colours of the robot's parts."""
+"""Colours of the drawn parts of the robot, `#rrggbb`."""
 THIN, THICK = 0.012, 0.045
-"""Smallest and largest radius of a segment, share of the robot's extent."""
+"""Smallest and largest radius of a drawn leg segment, as a share of the robot's extent."""
 ROUND = 1.5
-"""Longest over shortest edge of a last link's box up to which it is drawn as a ball."""
+"""Ratio of longest to shortest edge of a last link's inertia box below which the link is drawn as a ball."""
 MOST_CELLS = 14_000
-"""Cells of the ground that are drawn: a page draws them all at every turn of the view."""
+"""Largest number of ground cells that are drawn; a larger grid is made coarser, as each new view redraws all cells."""
 
 
 class Limb(NamedTuple):
