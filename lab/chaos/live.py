@@ -35,9 +35,9 @@ from .run import falls_when_held
 SLOW_PERIOD_S, SLOW_SHARE = 0.1, 0.7
 """Period of slow running, s of wall time, and the share of it in which a slow service is stopped."""
 LOOK_S = 0.01
-"""Wall time between two looks at the system, s."""
+"""Wall time between two checks of the system's state, s."""
 RECOVER_S = 90.0
-"""Wall time after the end of a fault within which every service must be back, s; a start alone takes 10 s on a loaded
+"""Longest wall time from the end of a fault until every service is back, s; a start alone takes 10 s on a loaded
 machine."""
 
 
@@ -46,11 +46,11 @@ class LiveRun(ChaosRun):
     """Result of a run of live processes with random faults."""
 
     bags: dict[str, int]
-    """Messages that can be read in each recording."""
+    """Number of readable messages by recording file."""
     verdict: RunVerdict
     """Verdict on the limits of the scenario."""
     report: Path | None
-    """Page of the run."""
+    """Path of the HTML report of the run; None = no report."""
 
 
 def run_live(
@@ -138,7 +138,7 @@ class Chaos:
         self.outcomes: list[ChaosOutcome] = []
         self.violations: list[str] = []
         self.processes: set[tuple[str, int]] = set()
-        """Name and group of every process that was seen."""
+        """Service name and process group of every process seen so far."""
         self._events = list(events)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="chaos", daemon=True)

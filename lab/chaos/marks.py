@@ -22,7 +22,7 @@ class Recovery(NamedTuple):
     owner: type[Any]
     method: str
     taken: Callable[[Any, tuple[Any, ...], Any], bool]
-    """Return whether a call of the method took the recovery, by its object, its arguments and its result."""
+    """Predicate of a call of the method (object, arguments, result): True if the call took the recovery, else False."""
 
 
 def _always(owner: Any, args: tuple[Any, ...], result: Any) -> bool:

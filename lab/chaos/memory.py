@@ -22,13 +22,13 @@ from .events import ChaosEvent, ChaosOutcome
 IDLE_S = 0.01
 """Virtual time that passes in a round in which no service has anything to do, s."""
 LEASE_S = 1.0
-"""Duration of a freeze after which the token of a service is gone, s."""
+"""Duration of a freeze, virtual time, s, from which on the liveliness token of the service is lost."""
 RESTART_S = 1.5
 """Virtual time from the death of a service to its successor, s."""
 JOIN_S = 1.0
-"""Virtual time after which a service that is back must be on the roster, s."""
+"""Virtual time, s, after its return from which on a service must be on the roster of active services."""
 PATIENT_S = 5.0
-"""Virtual time that a caller waits for a service that is frozen, s."""
+"""Longest virtual time that a caller waits for a frozen service, s."""
 STALL_S = 300.0
 """Virtual time without a tick after which a run counts as stalled, s."""
 
@@ -44,9 +44,9 @@ class ChaosBus(MemoryBus):
         super().__init__()
         self._random, self._forge = Random(seed), forge
         self.left: dict[ChaosEvent, int] = {}
-        """Deliveries that active events may still spoil."""
+        """Number of deliveries that each active event may still spoil."""
         self.spoilt = Counter[ChaosEvent]()
-        """Deliveries that events have spoilt."""
+        """Number of deliveries that each event has spoilt."""
         self._held: list[tuple[int, Callable[[Delivery], Any], Delivery]] = []
         self._round = 0
 
