@@ -13,9 +13,9 @@ from surefoot.arrays import Array
 from surefoot.robot.description import RobotError
 
 FOOT_NAMES = re.compile(r"foot|feet|toe|sole|_ee|contact|ankle", re.IGNORECASE)
-"""Names of bodies, geoms and sites that are feet."""
+"""Pattern that the names of bodies, geoms and sites of feet contain."""
 SAME_M = 1e-4
-"""Distance below which two spheres of a foot are one, m."""
+"""Distance between two spheres of a foot, m, up to which they count as one."""
 ASSUMED_RADIUS = 0.02  # m, of a foot without a sphere: that of a dog-sized robot
 NO_MASS = 1e-9  # kg, what weighs less is nothing
 

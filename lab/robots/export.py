@@ -8,7 +8,7 @@ from surefoot.disk import whole
 from surefoot.robot.description import Link, Robot
 
 ROOT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""Position (m) and quaternion w x y z of the trunk in the keyframe."""
+"""Pose of the trunk in the exported keyframe: position (3) m, then quaternion w x y z, world."""
 
 
 def mjcf_of(robot: Robot) -> str:

@@ -16,24 +16,24 @@ from surefoot.robot.description import RobotError
 from surefoot.tables import shown
 
 MOST_BYTES = 16 * 1024 * 1024
-"""Size of the largest file that is read: a robot with many geoms has 1 MB."""
+"""Largest size of a robot file that is read, bytes; larger files are refused, a robot with many geoms has 1 MB."""
 MOST_ELEMENTS, MOST_DEPTH = 50_000, 200
-"""Number and depth of the elements of a robot: the largest public ones have 2,000, 30 deep."""
+"""Largest number and nesting depth of XML elements of a robot; the largest public robots have 2,000, 30 deep."""
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SMALLEST_INERTIA = 1e-12
-"""Inertia given to a link that has none, kg m^2: MuJoCo refuses zero, a real link has a million times more."""
+"""Inertia given to a link without one, kg m^2, as MuJoCo refuses zero; a real link has a million times more."""
 BALANCED = "inertias that break the triangle inequality"
 """Beginning of the note on inertias that MuJoCo has replaced."""
 MOST_INCLUDES = 50
-"""Number of files that one robot may be made of."""
+"""Largest number of files that one robot may include."""
 FULL_TURN = 2.0 * math.pi
-"""Limit of a joint in place of an infinite one, rad."""
+"""Joint limit that replaces an infinite one, rad."""
 NAN = re.compile(r"nan(\(\w*\))?", re.IGNORECASE)
-"""NaN as MuJoCo reads it."""
+"""Pattern of texts that MuJoCo reads as NaN."""
 NAMING = ("name", "class", "model")
-"""Attributes that give a name."""
+"""XML attributes whose values are names."""
 NAMES = re.compile(r"[\w .:/-]{1,120}")
-"""Allowed names of bodies, joints and sites."""
+"""Pattern that the names of bodies, joints and sites must match in full."""
 
 
 def read_source(path: Path, notes: list[str] | None = None) -> str:

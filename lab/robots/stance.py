@@ -14,30 +14,33 @@ from surefoot.robot.kinematics import foot_positions, forward
 from .anatomy import SAME_M
 
 LEG_JOINTS = 3
-"""Least number of joints of a leg that can set its foot anywhere in its reach."""
+"""Least number of joints with which a leg can place its foot anywhere in its reach."""
 EXTENSION = 0.72
-"""Distance of a foot from the leg's second joint in a posture made here, share of the leg's length."""
+"""Distance of a foot from its leg's second joint in a generated neutral posture, as a share of the leg's length."""
 BENT = (0.45, 0.93)
-"""Range of that share in which a posture of the file is taken: legs that can become longer and shorter."""
+"""Range of the distance of foot and second joint, share of the leg's length, in which a posture of the file is used."""
 CHOSEN, UPRIGHT = 0.3, 0.97
-"""Least share of that distance which is vertical, in a posture of the file and in the middle of the limits."""
+"""Least vertical share of the distance of foot and second joint: `CHOSEN`: in a posture of the file; `UPRIGHT`: at the
+middle of the joint limits."""
 ONE_SIDE, LEAST_DOWN, ALONG = 0.8, 0.3, 0.9
-"""Length of the mean direction from hip to foot that shows where down is, its least share along -z, and the share of an
-axis along x, y or z from which it has that direction."""
+"""`ONE_SIDE`: length of the mean unit vector from second joint to foot above which it shows where down is; `LEAST_DOWN`:
+its least share along -z; `ALONG`: share of a joint axis along x, y or z above which it counts as having that direction."""
 TRIES = 64
-"""Random postures from which a leg's posture is searched."""
+"""Number of random start postures of the search for a leg's posture."""
 MOST_TORQUE = 4.0
-"""Torque that the weight has at the length of a leg, times this: more is a number put in place of an unknown one."""
+"""Largest plausible servo torque, in multiples of the weight's torque on a leg; larger values are placeholders."""
 SIZE_M, PERIOD_S, LEAN_S = 0.42, 1.0, 0.4
-"""Leg length of Lupo with the durations of its steps: times grow with the square root of the length."""
+"""Leg length, m, gait period, s, and duration of the lean before a step, s, of the robot Lupo; durations scale with the
+square root of the leg length."""
 STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
-"""Way of the trunk in a cycle, its limit and the step height, shares of the leg's length."""
+"""Shares of the leg's length: `STRIDE`: path of the trunk per gait cycle; `MOST_STRIDE`: limit of this; `CLEARANCE`:
+step height."""
 SPRAWLED_STRIDE = 0.22
-"""Way of the trunk in a cycle of a robot with six legs, share of the leg's length."""
+"""Path of the trunk per gait cycle of a robot with six legs, as a share of the leg's length."""
 LEAN_SHARE = 0.55
-"""Margin before a foot lifts, share of the largest circle in the hull of the three other feet."""
+"""Stability margin required before a foot lifts, as a share of the radius of the circle in the hull of the other feet."""
 SWAY = 0.36
-"""Way of the point of zero moment by the trunk's acceleration, share of that margin."""
+"""Displacement of the zero-moment point by the trunk's acceleration, as a share of the lean margin."""
 
 
 def can_stand(robot: Robot) -> bool:

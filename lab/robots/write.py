@@ -18,9 +18,9 @@ from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk
 from .stance import MOST_TORQUE, can_stand, doubts_of_axes, standing, torque_limit
 
 STIFFNESS, DAMPING = 5.0, 0.1
-"""Gains of a servo whose file has none, 1/rad and s/rad: times its torque."""
+"""Servo gains where the file has none, as multiples of the largest torque: position, 1/rad, and velocity, s/rad."""
 SWING = 2.0 * math.pi * 10.0
-"""Angular frequency at which a servo swings against its own rotor, 1/s, where the file has no rotor: without one the
+"""Natural angular frequency of a servo with its rotor, rad/s, for files without rotor inertia: without one the
 links of a light leg tremble at the rate of the simulation, and standing feet creep by centimetres."""
 KINDS = {6: "hexapod", 4: "quadruped", 2: "biped"}
 HALF_TURN = math.pi  # rad, assumed limit of a joint without limits
@@ -37,7 +37,7 @@ class Imported:
     shared: dict[str, str]  # our joint by the name of the file's joint that has the same motor
     trunk: str
     home: bool = False
-    """The neutral posture is one that the file names."""
+    """True: the neutral posture is one that the file names; False: it was generated."""
     found: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
