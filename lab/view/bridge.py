@@ -18,9 +18,9 @@ from .newest import FRAME_S, NewestScene
 from .server import HOST
 
 PORT = 8765
-"""Port that Foxglove and Lichtblick propose."""
+"""Default TCP port of Foxglove and Lichtblick for a live connection."""
 LINES = 100
-"""Lines of logs that wait for the next frame."""
+"""Largest number of log lines that wait for the next frame; the oldest are dropped."""
 
 
 class FoxgloveBridge:

@@ -26,18 +26,18 @@ from .newest import ASK_S, FRAME_S, NewestScene
 from .sight import LiveSight
 
 STATUS_S, STALE_S, IDLE_S = 0.5, 3.0, 5.0
-"""Wall time between two reports on health, after which a service without a report counts as silent, and after which a
-view without a page gives up its images."""
+"""Wall times, s: `STATUS_S`: between two reports on health; `STALE_S`: without a report after which a service counts as
+silent; `IDLE_S`: without a page after which a view drops its images."""
 LOG_LINES = 12
 PUSH_SHARE = 0.3
-"""Force of a push that the page proposes, share of the robot's weight."""
+"""Default force of a push on the page, as a share of the robot's weight."""
 QUERIES = {
     "pause": "sim/pause", "resume": "sim/step", "step": "sim/step", "speed": "sim/speed", "push": "sim/push",
     "fault": "sim/fault", "reset": "sim/reset",
 }  # fmt: skip
-"""Queries behind the buttons of the page; `stop` is the emergency stop."""
+"""Query key behind each button of the page; the button `stop` is not among them, it is the emergency stop."""
 Stop = Callable[[str], tuple[bool, str]]
-"""Emergency stop: takes the reason, returns whether a driver confirmed it, and a sentence."""
+"""Emergency stop: takes the reason; returns True if a driver confirmed it, else False, and a sentence on the result."""
 
 
 @dataclass(frozen=True)

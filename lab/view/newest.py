@@ -14,11 +14,11 @@ from surefoot.schemas.topics import TOPICS
 from ..scene.scene import KEYS, RobotScene, Snapshot
 
 FRAME_S = 1.0 / 30.0
-"""Wall time between two looks at the newest messages."""
+"""Wall time between two frames of the view, which show the newest messages, s."""
 CLOCK = "hw/joints"
-"""Topic of every driver whose stamps show that another one was started."""
+"""Key of a topic that every driver publishes; its stamps show that another driver was started."""
 ASK_S = 2.0
-"""Wall time that a driver gets for its maps, features and description."""
+"""Longest wall time to wait for a driver's replies with maps, features and description, s."""
 
 
 def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) -> Robot:

@@ -26,13 +26,13 @@ from .live import LiveFrames
 HOST = "127.0.0.1"
 PORT = 7480
 READERS = 8
-"""Pages that may look at the same time."""
+"""Largest number of pages that may be connected at the same time."""
 SEND_S = 5.0
-"""Wall time after which a page that does not read is given up."""
+"""Wall time after which the connection of a page that does not read is closed, s."""
 END_S = 0.1
-"""Wall time after which the server notices that it is to end."""
+"""Longest wall time until the server notices that it is to end, s."""
 IDLE_S = 1.0
-"""Wall time without news after which a page gets a sign of life."""
+"""Wall time without new data after which a page gets a keep-alive message, s."""
 BODY_BYTES = 4096
 FIELDS = TypeAdapter(dict[str, Any])
 
