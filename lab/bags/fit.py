@@ -22,13 +22,13 @@ from ..estimation.torques import forces_by_torques
 from .raw import RawLog, Stream, Transform
 
 BODY = ("base_link", "base", "trunk", "body", "base_footprint", "torso", "root")
-"""Usual names of the frame of the trunk."""
+"""Usual names of the trunk's frame in the transforms of a bag."""
 MOST_SHARE = 0.95
-"""Quantile of a foot's force that is its usual largest."""
+"""Quantile of a foot's measured force that serves as its usual largest force."""
 LEAST_RANGE = 0.05
-"""Least range of a foot's force, as a share of the usual total, from which the foot lifts."""
+"""Range of a foot's force, as a share of the median total, up to which the foot counts as never lifted."""
 NEAR_M, NEAR_RAD = 0.01, 0.01
-"""Differences of the inertial unit's place and axes from those of the description that are not reported."""
+"""Differences of the inertial unit's position, m, and axes, rad, between bag and description; larger ones are reported."""
 
 
 @dataclass

@@ -17,9 +17,9 @@ from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from .ros import bag_messages, reader_of
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-"""Suffixes of bags; a folder is one, too."""
+"""File suffixes of ROS bags; a folder counts as a bag, too."""
 GRID, LAYER = "grid_map_msgs/msg/GridMap", "elevation"
-"""Type of a map's message, and the layer that holds heights."""
+"""`GRID`: ROS message type of an elevation map; `LAYER`: name of the layer with its heights."""
 
 
 def last_heights(path: Path) -> HeightMap:

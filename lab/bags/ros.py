@@ -20,14 +20,14 @@ from surefoot.record.fields import FieldPath
 from .raw import RawLog, Stream, Transform, in_order
 
 INSTALL = "pip install 'surefoot[bags]'"
-"""Command that adds the reader of bags."""
+"""Command that installs the optional reader of ROS bags."""
 IMU, JOINTS, TRANSFORMS = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "tf2_msgs/msg/TFMessage"
-"""Types of the topics that are read by name."""
+"""ROS message types of inertial samples, joint states and transforms."""
 UNREADABLE = (
     ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError, OSError, TypeError, ValueError,
     sqlite3.Error, struct.error,
 )  # fmt: skip
-"""Errors of a reader in a damaged file, besides its own."""
+"""Exceptions that the bag reader raises on a damaged file, besides its own."""
 
 
 @dataclass(frozen=True)
