@@ -14,9 +14,9 @@ from surefoot.schemas.base import Bulk
 from surefoot.schemas.topics import TOPICS, Kind
 
 ORDER = {topic.key: place for place, topic in enumerate(TOPICS)}
-"""Place of a topic in the table, by which differences in one tick are ordered."""
+"""Index of each topic, by key, in the table of topics; orders differences within one tick."""
 COMPARED = tuple(topic.key for topic in TOPICS if topic.deterministic and topic.kind is not Kind.STATUS)
-"""Keys that are the same whenever a run is repeated."""
+"""Keys of topics whose messages are identical whenever a run is repeated."""
 
 
 @dataclass(frozen=True)

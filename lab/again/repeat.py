@@ -28,10 +28,10 @@ from ..runs.local import run_local
 from .bisect import FirstDifference, first_difference
 
 WORLD = ("friction", "mass", "servo")
-"""Quantities of the world that `whatif` changes."""
+"""Names of the quantities of the world that `whatif` can scale or set."""
 FOOT, PUSH, FAULT = "foot", "push", "fault"
 LARGEST_SHIFT = 0.2
-"""Largest displacement of a foothold, m."""
+"""Largest displacement of a foothold that `whatif` allows, along an axis in either direction, m."""
 PUSH_S = 0.2
 """Duration of a push that `whatif` applies, s."""
 FORMS = "friction=.6, mass=1.2, servo=.8, push=y:20 (N), fault=imu_drop:2 (s), foot=lf:+.02 (m)"
