@@ -38,7 +38,7 @@ START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled 
 STALL_S = 150.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
 RECORDER_S = 10.0  # s wall, for the recorder to close its file
 LIBRARIES = ("mujoco", "numpy", "numba", "scipy", "eclipse-zenoh", "pydantic")
-"""Libraries whose versions the report names."""
+"""Names of the libraries whose versions the report lists."""
 HASH_SHOWN = 12
 """Characters of a configuration's hash that the report shows."""
 
@@ -90,9 +90,9 @@ class RunOutcome:
     """Path of the report; None where it could not be written, and a note of the verdict states why."""
     recording: Path | None
     start_s: float
-    """Wall time from the command to tick 0."""
+    """Wall time from the start of the command to control tick 0, s."""
     timings: Mapping[str, Timing]
-    """Time in a tick by service."""
+    """Computing time per control tick, by service."""
     interrupted: bool = False
     """True if the run was ended from outside, by SIGINT or SIGTERM."""
 
