@@ -24,10 +24,10 @@ from surefoot.services.stability.answers import region_reply
 from .proof import bounds, holds, inside
 
 ALLOWED_M = 2e-3
-"""Difference between a claimed margin and a proved bound that is no contradiction, m: twice the tolerance of the
-service's regions."""
+"""Difference between a claimed margin and a proved bound, m, up to which they do not contradict: twice the tolerance of
+the service's regions."""
 DIRECTIONS = 32
-"""Directions in which proofs are looked for."""
+"""Number of horizontal directions in which proofs are searched."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Claim:
 
     tick: int
     step: int
-    """Steps that the walker had taken."""
+    """Number of steps that the walker had taken at the time of the claim."""
     claimed: float
-    """Margin of the planned CoM, m."""
+    """Claimed stability margin of the planned CoM, m."""
     least: float
-    """Margin that forces prove, m; -inf: none is proved."""
+    """Lower bound of the margin, m, proved by contact forces; -inf = no bound was proved."""
     most: float
-    """Margin that twists prove not to be exceeded, m; inf: none is proved."""
+    """Upper bound of the margin, m, proved by twists of the robot; inf = no bound was proved."""
 
     @property
     def contradicted(self) -> bool:
@@ -64,9 +64,9 @@ class Audit:
     robot: str
     claims: tuple[Claim, ...]
     unchecked: int
-    """Messages of `state/stability` without a margin, or without the samples that they were computed from."""
+    """Number of `state/stability` messages without a margin, or without the samples that they were computed from."""
     notes: tuple[str, ...] = ()
-    """Sentences on what of the recording could be read."""
+    """Sentences on parts of the recording that could or could not be read."""
 
     @property
     def steps(self) -> int:
