@@ -27,7 +27,7 @@ _EGRESS = {
     Verb.WATCH: ("liveliness_token",),
 }
 _DECLARED = ("declare_subscriber", "declare_queryable", "liveliness_query", "declare_liveliness_subscriber")
-"""Everybody learns who reads and serves what: a publisher whose readers are hidden from it would not publish."""
+"""Zenoh declarations that every identity may see: a publisher that cannot see its readers would not publish."""
 _ALL = ("put", "delete", "query", "reply", "liveliness_token", *_DECLARED)
 
 
