@@ -28,7 +28,7 @@ Line = dict[str, Any]
 
 
 class MetricSummary(NamedTuple):
-    """One measured value over the seeds of a study."""
+    """Median and extremes of one metric over the seeds of a study."""
 
     name: str
     median: float

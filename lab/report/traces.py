@@ -94,7 +94,7 @@ class Traces:
     goals: list[GoalEnd] = field(default_factory=list)
     sights: SightKeeper = field(default_factory=SightKeeper)
     ground: tuple[Array, float, tuple[float, float]] | None = None
-    """Elevation map given to the robot: heights (ny, nx) m, cell size m, centre (x, y) m of cell [0, 0]; None = no map."""
+    """Elevation map given to the robot, m: heights (ny, nx), cell size, centre (x, y) of cell [0, 0]; None = no map."""
     fallen_at: float | None = None
     touches: int | None = None
     """Number of times at which the robot began to touch an obstacle; None = the world has no obstacles."""
