@@ -44,24 +44,24 @@ class ConsistencyTest:
 
     @property
     def mean(self) -> float:
-        """Mean of the normalised squares over the degrees of freedom; 1 if the filter is consistent."""
+        """Mean of the normalised squares divided by the degrees of freedom; about 1 if the filter is consistent."""
         return float(self.rows[:, 1].mean() / self.dof)
 
     @property
     def verdict(self) -> str:
-        """`consistent`, `overconfident` (errors are larger than it claims) or `cautious`."""
+        """Verdict `overconfident` (errors larger than the covariance states), `cautious` (smaller) or `consistent`."""
         return "overconfident" if self.mean > OVERCONFIDENT else "cautious" if self.mean < CAUTIOUS else "consistent"
 
     @property
     def text(self) -> str:
-        """Verdict on the filter's consistency in one sentence."""
+        """Sentence on the filter's consistency, with its verdict and numbers."""
         over = 100.0 * float((self.rows[:, 1] > self.bound).mean())
         mean = f"mean per degree of freedom {self.mean:.2g} (1 is right)"
         return f"{self.verdict}: {mean}, {over:.0f} % above the 95 % bound"
 
 
 def consistency(traces: Traces) -> list[ConsistencyTest]:
-    """Return the tests that the traces have data for; those of errors need the truth."""
+    """Return the NEES and NIS tests that the traces have data for; those of errors need the truth."""
     found: list[ConsistencyTest] = []
     velocity, truth = traces.series("state/velocity"), traces.series("sim/truth")
     if len(velocity):

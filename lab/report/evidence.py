@@ -283,5 +283,5 @@ FINDERS = (services, stops, absent, frozen, followed, switches, pushes, sliding,
 
 
 def gather(s: Signals) -> list[Clue]:
-    """Return the clues of all functions on a recording, sorted by the time at which they begin."""
+    """Return the clues that all functions of this module find in a recording, sorted by begin."""
     return sorted((each for find in FINDERS for each in find(s)), key=lambda each: each.begin)

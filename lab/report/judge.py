@@ -1,4 +1,4 @@
-"""Numbers of a run and the verdict on them, computed from the traces of the run without side effects."""
+"""Metrics of a run and the verdict on their limits, computed from the traces of the run without side effects."""
 
 import math
 from collections.abc import Mapping
@@ -186,13 +186,13 @@ def judge(
 
 
 def _without_data(rows: list[Row]) -> list[str]:
-    """Return a sentence on the limits of which a recording holds no data; nothing where it holds all."""
+    """Return a sentence on the limits for which a recording holds no data; an empty list if it holds all."""
     titles = [METRICS[row.name].title for row in rows if row.limits and row.value is None]
     return [f"the recording holds no data on: {', '.join(titles)}"] if titles else []
 
 
 def _below_siblings(rows: list[Row]) -> list[str]:
-    """Return a sentence on each value without a limit that would not meet the limit of its sibling."""
+    """Return a sentence on each metric without a limit that would miss the limit of its sibling in `SIBLINGS`."""
     by_name, found = {row.name: row for row in rows}, list[str]()
     for name, sibling in SIBLINGS.items():
         row, other = by_name[name], by_name[sibling]
@@ -311,7 +311,7 @@ def since_ready(rows: Array, gait: Array) -> Array:
 
 
 def distance(truth: Array) -> float:
-    """Return the way from start to end along the first heading, m.
+    """Return the displacement from start to end along the initial heading, m.
 
     `truth`: a row per message, (n, 12): time s, position m and velocity m/s (3 each), yaw rad, and others.
     """
@@ -369,7 +369,7 @@ def odometry_error(truth: Array, odometry: Array) -> Array:
 
 
 def variants(traces: Traces) -> dict[str, float]:
-    """Return the RMS velocity error of each estimator that was recorded, m/s, best first."""
+    """Return the RMS velocity error of each recorded velocity estimator, m/s, by name, best first."""
     truth = traces.series("sim/truth")
     found: dict[str, float] = {}
     for name in VARIANTS:

@@ -10,7 +10,7 @@ from .traces import Traces
 
 @dataclass(frozen=True)
 class Moment:
-    """Worst moment of a run in one plot: time (s), value in the unit of the plot, and a text for the reader."""
+    """Worst moment of a run in one plot: time, s, value in the unit of the plot, and a description."""
 
     plot: str
     time: float

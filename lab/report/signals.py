@@ -131,7 +131,7 @@ def _names(recording: ReadableRecording) -> tuple[tuple[str, ...], tuple[str, ..
 
 
 def _jumps(s: Signals) -> str:
-    """Return the first jump of the ticks, or else of the stamps, of each clock that has one."""
+    """Return a sentence on the first jump of ticks, else of stamps, of each clock in `CLOCKS`; empty = none."""
     found: list[str] = []
     for key in CLOCKS:
         for times in (s.times(key), 1e-9 * s.column(key, "stamp_ns")) if s.rows[key] else ():

@@ -145,7 +145,7 @@ class Traces:
         return time
 
     def _truth(self, key: str, m: Any) -> None:
-        """Columns: time, position 3 (world), velocity 3 (base_link axes), yaw, tilt, CoM 3 (world)."""
+        """Add a row: time s, position m (3, world), velocity m/s (3, base_link), yaw, tilt rad, CoM m (3, world)."""
         rot_world_from_base = matrix_from_quat(np.array(m.quat_wxyz))
         velocity = product(rot_world_from_base.T, np.array(m.velocity))
         yaw = math.atan2(rot_world_from_base[1, 0], rot_world_from_base[0, 0])
@@ -166,12 +166,12 @@ class Traces:
         self._finished = tuple(m.stances)
 
     def _velocity(self, key: str, m: Any) -> None:
-        """Columns: time, velocity 3 (base_link axes), initialised, standard deviations of the velocity 3, NIS."""
+        """Add a row: time s, velocity m/s (3, base_link axes), initialised, its standard deviations m/s (3), NIS."""
         variance = np.maximum(np.array(m.covariance).reshape(6, 6).diagonal()[3:], 0.0)
         self._row(key, m, *m.velocity, float(m.initialised), *np.sqrt(variance), np.nan if m.nis is None else m.nis)
 
     def _odometry(self, key: str, m: Any) -> None:
-        """Columns: time, position 3 (odom), yaw, standard deviations of x and y, initialised."""
+        """Add a row: time s, position m (3, odom), yaw rad, standard deviations of x and y m, 1 = initialised."""
         variance = np.maximum(np.array(m.covariance).reshape(4, 4).diagonal(), 0.0)
         time = self._row(key, m, *m.position, m.yaw, *np.sqrt(variance[:2]), float(m.initialised))
         if "state/landmarks" in self.rows:
@@ -196,7 +196,7 @@ class Traces:
         self._row(key, m, planned, measured)
 
     def _pose(self, key: str, m: Any) -> None:
-        """Add a row: time, x, y, yaw (map), covariance 9 of them, entropy, drift, its sd, matched, lost probability."""
+        """Add a row: time s, x, y m, yaw rad (map), covariance (9), entropy nats, drift, its sd, matched, P(lost)."""
         lost = m.lost_probability
         time = self._row(key, m, *m.pose, *m.covariance, m.entropy, m.drift, m.drift_sd, m.matched, lost)
         self.sights.believed(m)
@@ -224,7 +224,7 @@ class Traces:
         self.sights.image(m)
 
     def _landmarks(self, key: str, m: Any) -> None:
-        """Columns: time, features, those with a candidate, recognised; of new images only."""
+        """Add a row for a new image: time s, counts of features, of those with a candidate, and of those recognised."""
         if m.fresh:
             self._row(key, m, m.features, m.compared, m.recognised)
             self.sights.landmarks(m, self.choices[-1].action if self.choices else "")
@@ -253,11 +253,11 @@ class KeptMessage(Protocol):
 
     @property
     def key(self) -> str:
-        """Key of the message's topic."""
+        """Key of the topic of the kept message."""
         ...
 
     def message(self) -> Any:
-        """Decode the message from its bytes (raises Refusal)."""
+        """Decoded message (raises Refusal if its bytes are invalid)."""
         ...
 
 

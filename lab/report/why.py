@@ -98,7 +98,7 @@ def _pulled(seen: list[Clue]) -> list[Clue]:
 
 
 def _once(chain: tuple[Clue, ...]) -> tuple[Clue, ...]:
-    """Return the first clue of each kind in a chain."""
+    """Return a chain of clues with only the first clue of each code."""
     kinds: dict[str, Clue] = {}
     for each in chain:
         kinds.setdefault(each.code, each)
