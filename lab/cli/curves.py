@@ -43,7 +43,7 @@ class Curves:
 
     @property
     def begun(self) -> bool:
-        """Return whether a message was added to the curves."""
+        """Return True if a message was added to the curves, else False."""
         return bool(self._kept)
 
     def lines(self) -> list[str]:
@@ -69,7 +69,7 @@ class Curves:
 
 
 def _numbers(value: Any, field: str) -> Iterator[float]:
-    """Yield the numbers of a value, lists taken apart; absent ones as NaN."""
+    """Yield the numbers of a field's value, with lists flattened and absent numbers as NaN."""
     if isinstance(value, list):
         for part in value:  # pyright: ignore[reportUnknownVariableType]
             yield from _numbers(part, field)

@@ -193,7 +193,7 @@ def _write_error(code: str, message: str, field: str | None) -> None:
 
 
 def _is_usage(error: Exception) -> bool:
-    """Return whether the user's own words or files are at fault, not the system."""
+    """Return True if the user's arguments or files caused an error, False if the system did."""
     if getattr(error, "code", "") in USAGE or (isinstance(error, WRONG_PATH) and error.filename is not None):
         return True
     return any(kind.__name__ in ("TableError", "ConfigError") for kind in type(error).__mro__)

@@ -10,7 +10,7 @@ WELL = "healthy"
 
 
 class RunningSystem(NamedTuple):
-    """A system that a command can reach.
+    """Running system that a command can reach.
 
     Attributes:
         name: of the system, or its namespace where it runs elsewhere.

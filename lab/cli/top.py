@@ -24,7 +24,7 @@ LEAST_M = 0.05
 
 
 class TopicTraffic(NamedTuple):
-    """Traffic of a topic within the window."""
+    """Message rate, size and latency of a topic within the time window."""
 
     key: str
     hz: float
@@ -110,12 +110,12 @@ def polygon_lines(status: "StabilityStatus | None") -> list[str]:
 
 
 def _place(row: int, column: int, half_x: float, half_y: float) -> tuple[float, float]:
-    """Return the place, m, of a letter of the picture at a row and a column."""
+    """Return the point (x, y), m, that the character at a row and a column of the picture covers."""
     return half_x * (1.0 - 2.0 * row / (LINES - 1)), half_y * (1.0 - 2.0 * column / (COLUMNS - 1))
 
 
 def _inside(corners: Sequence[Any], x: float, y: float) -> bool:
-    """Return whether a point lies in a convex polygon, counter-clockwise."""
+    """Return True if (x, y) lies in a convex polygon with counter-clockwise corners, else False."""
     following = [*corners[1:], corners[0]]
     return all(
         (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0.0

@@ -36,7 +36,7 @@ SSH_WORDS = 4
 
 
 class ShownSystem(NamedTuple):
-    """A system that is shown: its address, a client of it and its robot."""
+    """Running system shown in a browser: its address, a client connected to it, and its robot."""
 
     system: "RunningSystem"
     client: "Client"
