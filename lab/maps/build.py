@@ -207,7 +207,7 @@ def _first_places(seen: Sightings, track: Index) -> Array:
 def _improve(
     seen: Sightings, track: Index, poses: Array, places: Array, common: Array, options: BuildOptions
 ) -> tuple[float, SuperLU]:  # fmt: skip
-    """Move poses (f, 3) m, rad, places (k, 2) m and common errors in place.
+    """Do one least-squares step: update poses (f, 3) m, rad, places (k, 2) m and common errors in place.
 
     Returns:
         Largest move of a place, m, and the factors of the normal matrix, whose inverse is the covariance.

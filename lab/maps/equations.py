@@ -162,9 +162,9 @@ def _walked(
     Args:
         stated: poses by odometry, x, y (m), heading (rad), (f, 3).
         poses: as they are believed, (f, 3).
-        longer: part by which all ways of odometry are too long.
+        longer: share by which all path lengths by odometry are too long.
         options: noise.
-        scale: column of that part.
+        scale: column of this unknown in the Jacobian.
     """
     f = len(poses)
     before, odometry = _between(poses), _between(stated)

@@ -60,7 +60,7 @@ class Tracks:
 
     @staticmethod
     def none(kind: Kind) -> "Tracks":
-        """Return an empty set of tracks."""
+        """Return a set of zero tracks for descriptors of a kind."""
         zero, code = np.zeros(0, dtype=np.int64), nothing(kind).descriptors
         return Tracks(kind, np.zeros((0, 2)), numbers(kind, code), code, zero, zero, np.zeros(0))
 
@@ -173,16 +173,16 @@ def _of_one_motion(
     again: NDArray[np.bool_],
     wanted: tuple[int, float],
 ) -> Array:
-    """Return the distances of looks, infinite where a feature comes again without one motion that many agree on.
+    """Return descriptor distances, infinite for features seen again without a motion on which enough agree.
 
     Args:
-        apart: distances of the looks of n sightings and m near tracks, (n, m).
-        limit: largest distance of two looks of one feature.
+        apart: descriptor distances of n sightings and m near tracks, (n, m).
+        limit: largest distance of two descriptors of one feature.
         near: numbers of the tracks, (m,).
         look: of the sightings.
         found: all tracks.
         again: near tracks of one passage that were out of sight for long, (m,) bool.
-        wanted: number and part of the features that agree on the motion, at least.
+        wanted: least number and share of the features that agree on the motion.
 
     Returns:
         Distances, (n, m): bits of ORB, Euclidean of SIFT.
