@@ -30,7 +30,7 @@ STYLE_NUMBERS = {name: number for number, name in enumerate(STYLES)}
 
 
 class Undecoded(Protocol):
-    """A recorded message that is decoded only when it is needed."""
+    """Recorded message that is decoded only when it is needed."""
 
     @property
     def key(self) -> str:
@@ -209,7 +209,7 @@ def frame(shown: Snapshot) -> dict[str, Any]:
 
 
 def mark(each: Lasting) -> list[Any]:
-    """Return a mark as the JSON object that a page draws."""
+    """Return a lasting item (footprint, landmark) as the JSON list that a page draws."""
     return [round(each.time, 3), *encoded(each.item)]
 
 

@@ -70,7 +70,7 @@ class Lasting(NamedTuple):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A scene at one time.
+    """Content of a scene at one simulated time, ready to be drawn.
 
     Attributes:
         time: simulated time, s.
@@ -189,7 +189,7 @@ class RobotScene:
         self._stances = tuple(truth.stances)
 
     def _on_ground(self, places: Array) -> Array:
-        """Return places (n, 2) m with the height of the ground, (n, 3)."""
+        """Return points (n, 2) m, world, with the height of the ground below them added, (n, 3) m."""
         height = np.zeros(len(places)) if self.ground is None else self.ground.at(places)
         return np.column_stack((places, height))
 
@@ -336,7 +336,7 @@ class RobotScene:
         return [Item("expected", ground, text)]
 
     def _navigation(self) -> list[Item]:
-        """Return the belief of the pose in the map and the goal."""
+        """Return the drawn items of navigation: 95 % ellipse of the believed pose, matched landmarks, and the goal."""
         pose, feedback = self._latest.get("state/pose"), self._latest.get("navigator/feedback")
         items: list[Item] = []
         if pose is not None:

@@ -93,7 +93,7 @@ class SightKeeper:
         self.by_action[action] = sight
 
     def _reach(self, places: Array) -> Array:
-        """Return the radius within which features of the map were candidates, (k,) m, of places (k, 2) m."""
+        """Return the search radius, (k,) m, within which map features were candidates at places (k, 2) m."""
         if self._belief is None:
             return np.full(len(places), math.nan)
         return gate_radius(places, np.array(self._belief.covariance).reshape(3, 3), RecogniseParams())
