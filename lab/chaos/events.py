@@ -29,7 +29,7 @@ FORGED_RAD = 0.4
 
 @dataclass(frozen=True)
 class ChaosEvent:
-    """Random fault that a seed has drawn: kind, target, time."""
+    """Random fault drawn from a seed: kind, target service, tick, number of messages and size."""
 
     kind: Kind
     tick: int
@@ -101,7 +101,7 @@ def swarm(stage: Stage, seed: int) -> tuple[Kind, ...]:
 def draw_events(
     stage: Stage, seed: int, number: int, services: Sequence[str], ticks: int, kinds: Sequence[Kind] = ()
 ) -> tuple[ChaosEvent, ...]:
-    """Return events in the order of their ticks; the same for the same seed.
+    """Return random faults in the order of their ticks, identical for equal seeds.
 
     Args:
         stage: `MEMORY` or `LIVE`.

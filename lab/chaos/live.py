@@ -164,7 +164,7 @@ class Chaos:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Each event in words, for the report."""
+        """Return one sentence on each event so far, for the report."""
         return tuple(_words(outcome) for outcome in self.outcomes)
 
     def fell_at(self) -> int | None:
@@ -232,7 +232,7 @@ class Chaos:
                 self.violations.append(f"{event.kind} of {event.service}: {type(error).__name__}: {error}")
 
     def _suffer(self, event: ChaosEvent) -> None:
-        """Carry out one event, from its beginning to the recovery from it."""
+        """Inject one fault into the live system, and wait until the system has recovered from it."""
         session = self.session
         row = next(row for row in session.rows() if row.service == event.service)
         identity = None if row.pid is None else identify(row.pid)
@@ -283,7 +283,7 @@ class Chaos:
             self.violations.append(f"{event.service} {what} {waited:.0f} s after {event.kind} in tick {event.tick}")
 
     def _stand(self, identity: Identity, until: float, service: str, status: SimStatus | None) -> None:
-        """Let a process stand still until a time of the monotonic clock."""
+        """Stop a process with SIGSTOP until a time of the monotonic clock, s."""
         identity.signal_group(signal.SIGSTOP)
         try:
             self._wait(until, service, status)
@@ -296,7 +296,7 @@ class Chaos:
             time.sleep(min(LOOK_S, left))
 
     def _is_back(self, service: str, gone: Identity | None, ticks: int) -> bool:
-        """Return whether a service answers as before: its process is well and does the ticks that come now."""
+        """Return True if a service works as before: its process is healthy and does the current ticks, else False."""
         session = self.session
         row = next(row for row in session.rows() if row.service == service)
         if row.state != "healthy" or row.pid is None or (gone is not None and row.pid == gone.pid):
@@ -319,7 +319,7 @@ class Chaos:
         return 0 if health is None else health.refused.get("unbound", 0)
 
     def _forge(self, count: int) -> None:
-        """Publish joint commands of the present ticks in the walker's name, from another process."""
+        """Publish `count` forged joint commands for the current ticks in the walker's name, from another process."""
         last = next((d for d in reversed(self.session.supervisor.kept) if d.topic.key == SIM_TRUTH.key), None)
         if last is None:
             return

@@ -17,7 +17,7 @@ from surefoot.services.walker.memory import MemoryFile
 
 
 class Recovery(NamedTuple):
-    """One way in which the runtime recovers from a fault: its method, and which calls of it were a recovery."""
+    """Recovery of the runtime from a fault: a method, and a predicate of which calls of it were a recovery."""
 
     owner: type[Any]
     method: str

@@ -176,7 +176,7 @@ def _conduct(
 
 
 def _follow(system: ChaosSystem, request: ResetRequest, seed: int, progress: Callable[[float], None]) -> MemoryRun:
-    """Run a system to the end of its scenario while it suffers the events of a seed."""
+    """Run a system to the end of its scenario under its faults, and return the result."""
     simulator = system.driver.service
     assert isinstance(simulator, Simulator)
     leader, violations, fallen = system.driver.leader, list[str](), list[int]()
@@ -207,7 +207,7 @@ def _follow(system: ChaosSystem, request: ResetRequest, seed: int, progress: Cal
 
 
 def _forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:
-    """Return the message that a stranger publishes before the owner: the same header, other content."""
+    """Return a forged message with the header of a delivery and other content; None if this topic is not forged."""
     message = delivery.message()
     header = (message.stamp_ns, message.tick, message.epoch, message.seq, message.source)
     if isinstance(message, JointCommand) and message.position is not None:
