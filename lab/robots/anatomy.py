@@ -183,7 +183,7 @@ def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array)
 
 
 class _TouchPoint(NamedTuple):
-    """A point at which a limb may touch the ground."""
+    """Point at which a limb may touch the ground, as found in the compiled file."""
 
     rank: int  # smaller is likelier a foot
     radius: float  # m
@@ -217,7 +217,7 @@ def _ends(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> list[
 
 
 def _sole(marks: list[FileMark], model: mujoco.MjModel, data: mujoco.MjData) -> list[FileMark]:
-    """Return the spheres without those that lie where another one does: one to see and one to touch."""
+    """Return the spheres of a sole, only one of those within `SAME_M` m: files have one to see and one to touch."""
     kept: list[FileMark] = []
     for mark in marks:
         if all(np.linalg.norm(mark.place(model, data) - other.place(model, data)) > SAME_M for other in kept):

@@ -74,7 +74,7 @@ def _trunk(body: Element, robot: Robot) -> None:
 
 
 def _motors(top: Element, robot: Robot) -> None:
-    """Add a position servo for each joint, and what one motor couples."""
+    """Add to the MJCF a position servo for each joint, and an equality constraint for joints that share a motor."""
     motors, equal = SubElement(top, "actuator"), Element("equality")
     for i, link in enumerate(robot.links):
         if link.joint < 0:

@@ -15,7 +15,7 @@ Mark = tuple[Literal["body", "site", "geom"], Annotated[Whole, Field(ge=0)], Ann
 
 
 class FootNote(FileModel):
-    """A foot in the file: its body, the points of the compiled file that it is made of, m from the joint's body."""
+    """Foot in the imported file: its body and the points that form it, m, relative to the joint's body."""
 
     body: Text
     centre: Annotated[Mark, Field(strict=False)] | None
