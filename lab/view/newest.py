@@ -66,7 +66,7 @@ class NewestScene:
         self._newest = [client.bus.newest(topic) for topic in TOPICS if topic.key in KEYS]
 
     def ask_for_maps(self) -> None:
-        """Request the latched maps, which may have been published before."""
+        """Request the driver's latched maps, as they may have been published before this view subscribed."""
         keys = ["terrain/map"] if self.scene.ground is None else []
         keys += ["terrain/landmarks"] if self.scene.robot.camera and not self.scene.marks else []
         for key in keys:
@@ -91,7 +91,7 @@ class NewestScene:
         return came, snapshot
 
     def _count_runs(self, delivery: Delivery) -> None:
-        """Note by the joints when epoch or time begins anew."""
+        """Count a new run when the epoch of a `hw/joints` message rises, or its epoch or stamp goes back."""
         if delivery.key != CLOCK:
             return
         with suppress(SurefootError):

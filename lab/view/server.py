@@ -102,7 +102,7 @@ class _Http(ThreadingHTTPServer):
         super().__init__(address, _Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Stay silent about pages that went away."""
+        """Ignore errors of connections that a page has closed."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -114,7 +114,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Write no log: the address of a page holds the token."""
 
     def do_GET(self) -> None:
-        """Answer the page, what holds for all frames, or the stream of frames."""
+        """Answer a GET request: the HTML page, the constant parts of all frames, or the stream of frames."""
         view, path = self.server.view, urlsplit(self.path).path
         if not self._allowed():
             return
@@ -130,7 +130,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.NOT_FOUND, f"there are /, /head, /events, /{LAYOUT} and, by POST, /do")
 
     def do_POST(self) -> None:
-        """Carry out the request of a button on the page."""
+        """Answer a POST request: carry out the action of a button on the page."""
         view = self.server.view
         if not self._allowed():
             return
@@ -151,7 +151,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._json({"accepted": False, "reason": error.message})
 
     def _allowed(self) -> bool:
-        """Refuse a request that names another host, comes from the page of another site, or lacks the token."""
+        """Return True if a request names this host, has no foreign origin and has the token; else refuse it."""
         view = self.server.view
         names = {f"{name}:{view.port}" for name in (HOST, "localhost")}
         origin, token = self.headers.get("Origin"), parse_qs(urlsplit(self.path).query).get("token", [""])[0]
