@@ -1,4 +1,4 @@
-"""Heights of a grid_map in a ROS bag.
+"""Import of terrain heights from a grid_map message in a ROS bag.
 
 Cell (i, j) of a grid_map lies at (x, y) = centre + half of its lengths - (i + 1/2, j + 1/2) resolution; its layers are
 circular buffers that begin at `outer_start_index`, `inner_start_index`.

@@ -17,7 +17,7 @@ AHEAD_S = 10.0
 
 
 class Stream(NamedTuple):
-    """Rows of one sensor with their stamps."""
+    """Rows of one sensor's samples with their stamps."""
 
     stamp_ns: Ints  # (n,)
     values: Array  # (n, k)
