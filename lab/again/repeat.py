@@ -144,7 +144,7 @@ class RecordedRun:
 
 
 def _holds(path: Path, content: bytes) -> bool:
-    """Return whether a file has a content."""
+    """Return True if a file exists with exactly this content, else False."""
     try:
         return path.read_bytes() == content
     except OSError:
@@ -226,7 +226,7 @@ def verify(
 
 
 def _versions(metadata: dict[str, dict[str, str]]) -> dict[str, str]:
-    """Return the versions of what computed a run, that of this project first."""
+    """Return the versions of surefoot, libraries and interpreter that computed a run, by name, surefoot first."""
     own = metadata.get(RUN, {}).get("version")
     return ({} if own is None else {"surefoot": own}) | metadata.get(VERSIONS, {})
 
@@ -253,7 +253,7 @@ def _joined(key: str) -> bool:
 
 
 def _not_allowed(why: str) -> SurefootError:
-    """Return the refusal of a change, which lists the forms that are allowed."""
+    """Return the error for a change that is not allowed, with the reason and the allowed forms."""
     return SurefootError("invalid", f"{why}; allowed are {FORMS}", "set")
 
 
