@@ -303,20 +303,20 @@ def _filmed(recording: Path | None, about: About) -> tuple[About, Film | None]:
 
 
 def _late(status: SimStatus | None) -> list[str]:
-    """Return the note about paced time that fell behind."""
+    """Return a note if the paced run fell behind real time; an empty list if it did not."""
     if status is None:
         return []
     return [f"late: real-time factor {status.rtf:.2f} at tick {status.tick}, {status.pace:g} was asked for"]
 
 
 def _unrecorded(wanted: Path | None, recorded: RecorderReply | None) -> list[str]:
-    """Return the note about a recording that ended early."""
+    """Return a note if the recording ended before the run; an empty list if it is complete."""
     failed = wanted is not None and recorded is not None and recorded.finished and not recorded.path
     return ["the recording could not be written to its end; `surefoot logs recorder` shows why"] if failed else []
 
 
 def _writable(folder: Path) -> Path:
-    """Return a folder that can be made; where nothing can be written, nothing is started."""
+    """Check, before a run starts, that a folder exists or can be made (raises OSError); return the folder."""
     if not folder.exists():
         folder.mkdir(parents=True)
         folder.rmdir()

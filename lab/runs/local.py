@@ -41,7 +41,7 @@ class LocalRun:
 
     @property
     def rtf(self) -> float:
-        """Simulated time of the run over its wall time."""
+        """Real-time factor of the run: its simulated time over its wall time."""
         return self.ticks * TICK_S / self.wall_s
 
 
