@@ -14,7 +14,7 @@ import numpy as np
 from surefoot.arrays import Array
 
 EXACT = 1e-6
-"""Tolerance of a proof, m or weights: residual of its equations and friction cones up to which they count as satisfied."""
+"""Tolerance of a proof, m or weights: residual of its equations and friction cones up to which these count as met."""
 
 
 def tangential(vectors: Array, normals: Array) -> tuple[Array, Array]:

@@ -32,7 +32,7 @@ DIRECTIONS = 32
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim of a margin and what is proved of it."""
+    """Stability margin that one `state/stability` message claims, with the bounds proved for it."""
 
     tick: int
     step: int
@@ -70,12 +70,12 @@ class Audit:
 
     @property
     def steps(self) -> int:
-        """Steps of the walk in which the service claimed a margin."""
+        """Number of different steps of the walk in which the stability service claimed a margin."""
         return len({claim.step for claim in self.claims})
 
     @property
     def contradicted(self) -> tuple[Claim, ...]:
-        """Claims that a proof excludes."""
+        """Claims of a margin that a proof excludes."""
         return tuple(claim for claim in self.claims if claim.contradicted)
 
 
@@ -132,7 +132,7 @@ def _claim(
 
 
 def _latest(known: dict[int, Any], tick: int) -> Any:
-    """Return what was published in a tick or in the last one before it."""
+    """Return the value of a control tick in `known`, else of the latest of the 19 ticks before; None: there is none."""
     return next((known[t] for t in range(tick, max(-1, tick - 20), -1) if t in known), None)
 
 
