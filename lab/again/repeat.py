@@ -43,15 +43,15 @@ class RecordedRun:
     """Metadata of a recorded run that a repetition needs.
 
     Attributes:
-        recording: the file, as far as it is sound.
-        scenario: as run, with its actuation delay and robot.
-        seed: of the run.
+        recording: readable part of the file.
+        scenario: scenario as it was run, with actuation delay and robot.
+        seed: seed of the run.
         run_hash: recorded hash; empty = the file was cut off before it.
-        hashes: digest of each key.
+        hashes: digest of the messages of each topic, by key.
         robot_hash: hash of the robot description.
-        versions: of the software that computed the run.
+        versions: versions of the software that computed the run, by name.
         ticks: control ticks of the run.
-        files: those that the run depended on and that are attached to the recording, by name.
+        files: content of the files attached to the recording, on which the run depended, by name.
     """
 
     recording: ReadableRecording

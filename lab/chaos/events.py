@@ -105,8 +105,8 @@ def draw_events(
 
     Args:
         stage: `MEMORY` or `LIVE`.
-        seed: of the draw.
-        number: of events.
+        seed: seed of the random generator.
+        number: number of events to draw.
         services: names of services that may be hit, the driver first (it is not killed).
         ticks: of the run; no event begins in its last fifth, so that the end shows whether everything recovered.
         kinds: to draw from; empty = those that the seed allows, see `swarm`.

@@ -69,7 +69,7 @@ def run_live(
     Args:
         scenario: what to do.
         seed: of the events.
-        events: how many.
+        events: number of events.
         options: those of the same run without faults.
         kinds: of faults that are drawn; empty = all, of which the seed leaves some out.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.

@@ -71,7 +71,7 @@ class Progress:
         self._write_due()
 
     def and_on(self, share: float) -> bool:
-        """Set the share that is done, 0 to 1; return True, for work that asks whether to go on."""
+        """Set the finished share of the work, 0 to 1, and return True, for callers that stop at False."""
         self.at(share)
         return True
 

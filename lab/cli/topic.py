@@ -263,7 +263,7 @@ def top(
 
 
 def _show_top(rows: "Sequence[TopicTraffic]", polygon: "Sequence[str]", robot: "Client") -> None:
-    """Write one table; on a terminal it replaces the one before."""
+    """Write the table of topic traffic and the support polygon; on a terminal they replace the previous output."""
     if sys.stdout.isatty():
         write(CLEAR)
     if not rows:
@@ -339,7 +339,7 @@ def _why(robot: "Client") -> str:
 
 
 def _latched(robot: "Client", topic: "Topic[Any]") -> "Delivery | None":
-    """Return what a latched topic holds, where its owner can be asked: it was published before this reader came."""
+    """Return the present message of a latched topic, requested from its owner; None if the owner has no such query."""
     from surefoot.bus.interface import Delivery
     from surefoot.errors import CallError
     from surefoot.schemas.topics import QUERIES, Kind

@@ -55,7 +55,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class DecisionTrace:
-    """A decision of the navigator: when (s), the action, why, and the value of each action that was allowed.
+    """Decision of the navigator: time (s), action, reason, and value of each allowed action.
 
     Features of the decision: distance (m) and bearing (rad) of the goal, and entropy of the believed pose (nats).
     """

@@ -33,10 +33,10 @@ class Explanation:
     Attributes:
         outcome: what went wrong; None: nothing did.
         cause: first cause; None: nothing went wrong, or none was found.
-        chain: evidence between both, in the order of time, without them.
-        damage: why not all of the recording can be read; empty = it is whole.
-        jumps: where its clock jumps; empty = nowhere.
-        version: that of surefoot which made the recording, where it differs from this one; else empty.
+        chain: evidence from cause to outcome, in order of time, without these two.
+        damage: reason why a part of the recording cannot be read; empty = all of it can be read.
+        jumps: clock jumps of the recording in words; empty = none.
+        version: version of surefoot that made the recording, if it differs from the running version; else empty.
     """
 
     outcome: Clue | None

@@ -1,4 +1,4 @@
-"""Simulated world, estimator and walker joined by function calls in the order of a control tick, without a bus."""
+"""Simulated world, estimator and walker connected by function calls in the order of a control tick, without a bus."""
 
 import time
 from typing import Any

@@ -1,4 +1,4 @@
-"""A scenario inside one process, on the in-memory bus: the same services, the same lockstep, the same verdict and hash.
+"""Run of a scenario in one process on the in-memory bus; services, lockstep, verdict and hash are those of a live run.
 
 Studies over many seeds are built on it, see `surefoot.lab.studies`.
 """

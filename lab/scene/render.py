@@ -23,14 +23,14 @@ that are listed."""
 
 
 class Shot(NamedTuple):
-    """Settings of a moving picture.
+    """Settings for rendering a recording as a moving picture.
 
     Attributes:
         size: width and height, pixels.
-        fps: pictures a second of the moving picture.
-        speed: simulated over shown time.
+        fps: frame rate of the moving picture, Hz.
+        speed: simulated time per playing time.
         start, end: part of the recording, s; end None = all.
-        still: the camera does not follow the robot.
+        still: True: the camera is fixed; False: it follows the robot.
         quality: of WebP, 1 to 100.
     """
 

@@ -48,12 +48,12 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 class Item(NamedTuple):
-    """Drawn item: points (n, 3) m, world, in a style; of an arrow, tails and heads in turn.
+    """Drawn item of a scene: points (n, 3) m, world, in a style; points of arrows are tail and head in turn.
 
     Attributes:
         style: name in `STYLES`.
-        points: (n, 3) m; one of a label.
-        text: of a label.
+        points: (n, 3) m, world; a label has one.
+        text: text of a label; empty for other items.
     """
 
     style: str
@@ -79,10 +79,10 @@ class Snapshot:
         link_rot, link_position: poses of the links in the world, (nl, 3, 3) and (nl, 3) m.
         points: points of the robot's body in the world, (n, 3) m.
         estimate: position (3,) m and rotation (3, 3) of base_link by the odometry, world; None without.
-        items: what is drawn beside the robot.
+        items: items drawn besides the robot.
         values: numbers by name of `VALUES`; those that are unknown are left out.
         text: state of the gait, with its reason.
-        fallen: the robot has fallen.
+        fallen: True if the robot has fallen, else False.
     """
 
     time: float
@@ -101,7 +101,7 @@ class Snapshot:
 
 @dataclass
 class RobotScene:
-    """Scene of one robot: its latest messages, of which snapshots are made."""
+    """Scene of one robot: keeps its latest messages, from which snapshots are made."""
 
     robot: Robot
     ground: DrawnGround | None = None
