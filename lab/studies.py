@@ -141,7 +141,7 @@ def _key(line: Job, fields: Iterable[str]) -> str:
 
 
 def verdict_line(verdict: RunVerdict, names: Iterable[str] = ()) -> Line:
-    """Return the line of a verdict: what failed, problems, and its values; those of `names` even if they are None."""
+    """Return the result line of a verdict: failed limits, problems, values; values of `names` even if they are None."""
     values = {row.name: float(row.value) for row in verdict.rows if row.value is not None}
     return {
         "ok": verdict.ok,

@@ -134,7 +134,7 @@ class _Pairing:
 
 
 def _absent(item: Recorded, side: int) -> FirstDifference:
-    """Return the difference of a message that only the file `side` has."""
+    """Return the difference for a message that only one file has; `side`: index of that file, 0 or 1."""
     there = ("there", "absent") if side == 0 else ("absent", "there")
     return FirstDifference(item.key, int(_content(item).get("tick", -1)), "", *there)
 

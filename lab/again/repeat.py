@@ -156,12 +156,12 @@ class Verification:
     """Result of the repetition of a recorded run.
 
     Attributes:
-        recorded, repeated: run hashes.
+        recorded, repeated: hash of the recorded and of the repeated run.
         keys: keys whose digests differ.
         first: first difference of the messages; None: there is none.
-        versions: name, then recorded and present version, of what has changed since.
+        versions: recorded and present version of software that has changed since, by name.
         altered: keys whose messages in the file are not those that were recorded.
-        damage: why not all of the recording can be read; empty = it is whole.
+        damage: reason why a part of the recording cannot be read; empty = all of it can be read.
         compared_s: simulated time to which its messages were compared, s; None: the hashes were.
     """
 
@@ -176,7 +176,7 @@ class Verification:
 
     @property
     def repeats(self) -> bool:
-        """True if the hash is the recorded one; where that is lost, if all messages that can be compared are equal."""
+        """True if the repeated run has the recorded hash or, if that is lost, all comparable messages are equal."""
         return self.recorded == self.repeated or (not self.recorded and bool(self.damage) and self.first is None)
 
     @property

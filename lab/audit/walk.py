@@ -80,7 +80,7 @@ class Audit:
 
 
 def audit(path: Path, progress: Callable[[float], None] = lambda share: None) -> Audit:
-    """Check every margin that a recording claims.
+    """Check every stability margin that a recording claims against proved bounds, and return the audit.
 
     Args:
         path: MCAP file.

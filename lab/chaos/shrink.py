@@ -86,7 +86,7 @@ def shrink(events: Sequence[ChaosEvent], fail: Callable[[Sequence[ChaosEvent]], 
 
 
 def _least(events: tuple[ChaosEvent, ...], fails: Callable[[Sequence[ChaosEvent]], bool]) -> tuple[ChaosEvent, ...]:
-    """Return a subset that fails, of which nothing can be left out."""
+    """Return a minimal subset of events that still fails: without any one of them it does not."""
     if fails(()):
         return ()
     parts = 2

@@ -82,7 +82,7 @@ def _numbers(value: Any, field: str) -> Iterator[float]:
 
 
 def has_numbers(annotation: Any) -> bool:
-    """Return whether a field of this type can be drawn: it holds numbers, also in lists or where they may be absent."""
+    """Return True if a field of this type can be plotted: it holds numbers, in lists, or optional; else False."""
     inside = get_args(annotation)
     if get_origin(annotation) is Annotated:
         return has_numbers(inside[0])

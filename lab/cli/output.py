@@ -43,7 +43,7 @@ RobotChoice = Annotated[
 
 @dataclass
 class OutputState:
-    """Settings of the output of the command line."""
+    """Settings of the command line's output: JSON or tables, log lines or plain lines."""
 
     debug: bool = False
     json: bool = False

@@ -140,7 +140,7 @@ def _either(job: Job) -> tuple[Job, Job]:
 
 
 def _holds(stamp: Path) -> bool:
-    """Report whether a job was done and its kernels are still there, of the sources that they were compiled from.
+    """Return True if a job was done and its kernel files are still there and unchanged, else False.
 
     They may stand beside the sources, which can be removed, or be compiled again from others, while the stamp stays.
     """

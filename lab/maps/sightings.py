@@ -16,7 +16,7 @@ from surefoot.schemas.topics import HW_LANDMARKS, STATE_ODOMETRY, STATE_POSE
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """Detections of a run with the poses they were made from; n frames, m detections."""
+    """Detections of landmarks in a run, with the poses of the robot at which they were made; n frames, m detections."""
 
     poses: Array
     """Pose of base_link, x, y in m and heading in rad (not wrapped), frame odom or map, (n, 3)."""

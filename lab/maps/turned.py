@@ -138,6 +138,6 @@ def _centred(values: Array, group: NDArray[np.int64], count: NDArray[np.int64]) 
 def set_right(looks: list[FloorLook], error: Array) -> list[FloorLook]:
     """Return the features of a walk as a camera without errors would place them, on a level floor.
 
-    `error`: pitch, roll, lean of the floor (2), turn aside, rad, and shift (2), m, (7,).
+    `error` (7,): camera pitch and roll, lean of the floor (2), yaw error, rad, and shift (2), m.
     """
     return [look._replace(places=look.places - effects(look) @ error) for look in looks]

@@ -198,7 +198,7 @@ def _sliding(traces: Traces, feet: tuple[str, ...], limits: Mapping[str, float],
 
 
 def _consistency(traces: Traces) -> list[Chart]:
-    """Return the normalised squares of errors and innovations, each with the bounds that it should keep."""
+    """Return the charts of NEES and NIS over time, each with its 95 % bound for a consistent filter."""
     found: list[Chart] = []
     for test in consistency(traces):
         curve = _series(test.name, PURPLE, test.rows[:, 0], test.rows[:, 1], width=1.1)

@@ -32,7 +32,7 @@ above which it jumps back."""
 
 @dataclass
 class Signals:
-    """Messages of a run by key, as decoded JSON, in the order of their stamps."""
+    """Messages of a recorded run by topic key, as decoded JSON objects, in the order of their stamps."""
 
     rows: dict[str, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
     joints: tuple[str, ...] = ()
@@ -75,7 +75,7 @@ class Signals:
 
     @property
     def end(self) -> float:
-        """Time of the last control tick, s."""
+        """Simulated time of the last control tick of the recording, s."""
         return max((float(self.times(key).max()) for key in CLOCKS if self.rows[key]), default=0.0)
 
 

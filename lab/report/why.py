@@ -176,7 +176,7 @@ def _unsupported(s: Signals) -> Clue | None:
 
 
 def _abandoned(s: Signals) -> Clue | None:
-    """Find a walk that the walker itself ended before its end, as of a robot that leans too far."""
+    """Find a walk that the walker abandoned (state `refused`), for example because the robot leans too far."""
     before = ""
     for time, row in zip(s.times("state/gait").tolist(), s.rows["state/gait"], strict=True):
         state = row.get("state", "")

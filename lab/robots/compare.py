@@ -95,7 +95,7 @@ def checked(folder: Path) -> dict[str, dict[str, float]]:
 
 
 def _read(folder: Path) -> tuple[Robot, ImportNotes, str]:
-    """Return robot, notes and XML of a folder, which belong together.
+    """Return robot description, import notes and source XML of a robot folder, checked to belong together.
 
     Raises:
         RobotError: one cannot be used, or the notes name a leg or joint that the robot does not have.

@@ -45,13 +45,13 @@ HASH_SHOWN = 12
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a run.
+    """Options of a live run of a scenario.
 
     Attributes:
-        seed: None = the scenario's own.
-        record: write an MCAP file.
-        rtf: None = lockstep as fast as it goes; else paced at this real-time factor.
-        strict: no actuation delay.
+        seed: seed of the run; None = the scenario's own.
+        record: True: write an MCAP file; False: do not record.
+        rtf: real-time factor at which the run is paced; None = lockstep at full speed.
+        strict: True: no actuation delay; False: the delay that the scenario sets.
         listen: endpoint of the router, None = SUREFOOT_LISTEN or the default.
         out: folder for recording and report, None = a new one under `runs`.
     """
@@ -199,13 +199,13 @@ def _explained(verdict: RunVerdict, recording: Path | None) -> RunVerdict:
 
 
 class _End(NamedTuple):
-    """State of the services after the last tick.
+    """State of the services of a run after its last control tick.
 
     Attributes:
         recorded: reply of the recorder, None without one.
         timings: time in a tick by service.
         notes: restarts, silent inputs, paced time that fell behind.
-        comparable: no service was restarted and the simulator calls the run comparable.
+        comparable: True if no service was restarted and the simulator calls the run comparable, else False.
         configuration: hash of the effective configuration of each service.
     """
 

@@ -62,7 +62,7 @@ class SightKeeper:
     _belief: Any = None
 
     def image(self, message: Any) -> None:
-        """Keep the camera image of a message `hw/image`."""
+        """Keep the camera image of an `hw/image` message until its landmarks arrive."""
         self._images.append(message)
 
     def believed(self, message: Any) -> None:

@@ -29,7 +29,7 @@ class Membership(NamedTuple):
         operators: names of people who may command.
         guests: names of people who may only read.
         hosts: names and addresses of the processes, besides loopback.
-        days: validity of the certificates.
+        days: validity of the certificates, days.
     """
 
     operators: tuple[str, ...]

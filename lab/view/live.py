@@ -42,7 +42,7 @@ Stop = Callable[[str], tuple[bool, str]]
 
 @dataclass(frozen=True)
 class Shown:
-    """State of the view at one time, as parts of JSON that all pages share.
+    """State of the live view at one time, as JSON texts that all open pages share.
 
     Attributes:
         number: number of the state, which counts up.
