@@ -69,7 +69,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def _allowed(field: FieldInfo, live: bool) -> str:
-    """Return the range of a parameter, its words, or its type."""
+    """Return the allowed values of a parameter as text: its range, its words, or its type."""
     limits = [f"{_SIGNS[name]} {value}" for part in field.metadata for name, value in _limits(part)]
     kinds = get_args(field.annotation)
     words = [f"`{kind}`" for kind in kinds if isinstance(kind, str)]
@@ -84,7 +84,7 @@ def _limits(part: Any) -> list[tuple[str, float]]:
 
 
 def _used() -> dict[tuple[str, str], set[str]]:
-    """Return the files that set a parameter, by service and parameter."""
+    """Return the names of the files that set each parameter, by (service, parameter)."""
     found: dict[tuple[str, str], set[str]] = {}
     for path in sorted((ROOT / "scenarios").glob("*.toml")):
         for service, fields in load_scenario(path).config.items():

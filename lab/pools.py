@@ -9,10 +9,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def worker_processes(jobs: int | None = None, begin: Callable[[], object] = bool) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool that ends at once on Ctrl-C, whoever gets it: its processes are killed, and what waits is not begun.
+    """Yield a process pool; on Ctrl-C its processes are killed at once and waiting jobs are not begun.
 
     Args:
-        jobs: processes; None = one a core.
+        jobs: number of processes; None = one per core.
         begin: called once in each process before its first job.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -34,7 +34,7 @@ def worker_processes(jobs: int | None = None, begin: Callable[[], object] = bool
 
 @contextmanager
 def worker_threads() -> Iterator[Executor]:
-    """Yield a thread for each core; after Ctrl-C or an error running jobs are finished, others not begun."""
+    """Yield a pool of one thread per core; after Ctrl-C or an error running jobs finish, waiting ones are not begun."""
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
         yield pool

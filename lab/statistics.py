@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from surefoot.arrays import Array
 
 RESAMPLINGS = 4000
-"""Bootstrap samples of a ratio."""
+"""Number of bootstrap samples from which the interval of a ratio is computed."""
 
 
 class Ranged(NamedTuple):
-    """A figure with its 95 % interval."""
+    """Value of a statistic with the ends of its 95 % interval."""
 
     value: float
     low: float

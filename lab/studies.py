@@ -28,7 +28,7 @@ Line = dict[str, Any]
 
 
 class MetricSummary(NamedTuple):
-    """One measured value over the seeds of a study."""
+    """Median and extremes of one metric over the seeds of a study."""
 
     name: str
     median: float
@@ -41,7 +41,7 @@ class MetricSummary(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """Share of good verdicts of a study, with its 95 % interval."""
+    """Share of runs of a study with a good verdict, with its 95 % interval."""
 
     good: int
     runs: int
@@ -141,7 +141,7 @@ def _key(line: Job, fields: Iterable[str]) -> str:
 
 
 def verdict_line(verdict: RunVerdict, names: Iterable[str] = ()) -> Line:
-    """Return the line of a verdict: what failed, problems, and its values; those of `names` even if they are None."""
+    """Return the result line of a verdict: failed limits, problems, values; values of `names` even if they are None."""
     values = {row.name: float(row.value) for row in verdict.rows if row.value is not None}
     return {
         "ok": verdict.ok,
@@ -158,7 +158,7 @@ def run_scenario(scenario: str | Scenario, seed: int, names: Iterable[str] = ())
 
 
 def passed(lines: Sequence[Line]) -> Passed:
-    """Return the rate of good verdicts with its 95 % interval."""
+    """Return the share of runs with a good verdict among lines of a study, with its 95 % interval."""
     good = sum(line["ok"] for line in lines)
     if not lines:
         raise ConfigError("missing", "there are no runs: name at least one seed", "seeds")
@@ -166,7 +166,7 @@ def passed(lines: Sequence[Line]) -> Passed:
 
 
 def metrics(lines: Sequence[Line], names: Iterable[str]) -> list[MetricSummary]:
-    """Return median and extremes, with their seeds, of each metric that a line has a value of."""
+    """Return median and extremes, with their seeds, of each metric that any line has a value of."""
     found: list[MetricSummary] = []
     for name in names:
         values = sorted((line["values"][name], line["seed"]) for line in lines if line["values"].get(name) is not None)

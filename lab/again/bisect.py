@@ -14,9 +14,9 @@ from surefoot.schemas.base import Bulk
 from surefoot.schemas.topics import TOPICS, Kind
 
 ORDER = {topic.key: place for place, topic in enumerate(TOPICS)}
-"""Place of a topic in the table, by which differences in one tick are ordered."""
+"""Index of each topic, by key, in the table of topics; orders differences within one tick."""
 COMPARED = tuple(topic.key for topic in TOPICS if topic.deterministic and topic.kind is not Kind.STATUS)
-"""Keys that are the same whenever a run is repeated."""
+"""Keys of topics whose messages are identical whenever a run is repeated."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def first_difference(
 
 
 def _earlier(ahead: list[Recorded | None]) -> int | None:
-    """Return which of two messages comes first; None: both streams have ended."""
+    """Return the index, 0 or 1, of the stream whose next message is earlier; None: both streams have ended."""
     one, other = ahead
     if one is None:
         return None if other is None else 1
@@ -84,7 +84,7 @@ def _earlier(ahead: list[Recorded | None]) -> int | None:
 
 
 class _Pairing:
-    """Pairs the n-th message of a key in one file with the n-th in the other, until they differ.
+    """Comparison that pairs the n-th message of a key in one file with the n-th in the other, until they differ.
 
     Attributes:
         found: first difference of each key that has one.
@@ -115,13 +115,13 @@ class _Pairing:
             waiting.append(item)
 
     def end(self) -> None:
-        """Take what still waits as absent in the other file."""
+        """Record all messages without a partner as absent in the other file; called when both files are read."""
         for side, waiting in list(self._waiting.values()):
             if waiting and waiting[0].key not in self._ended:
                 self._miss(waiting[0], side)
 
     def _miss(self, item: Recorded, side: int) -> None:
-        """Take a message as absent in the other file, unless that was cut off before it."""
+        """Record a message as absent in the other file, unless that file was cut off before it."""
         if self._cut[1 - side]:
             self._ended.add(item.key)
         else:
@@ -134,7 +134,7 @@ class _Pairing:
 
 
 def _absent(item: Recorded, side: int) -> FirstDifference:
-    """Return the difference of a message that only the file `side` has."""
+    """Return the difference for a message that only one file has; `side`: index of that file, 0 or 1."""
     there = ("there", "absent") if side == 0 else ("absent", "there")
     return FirstDifference(item.key, int(_content(item).get("tick", -1)), "", *there)
 

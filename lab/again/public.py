@@ -12,7 +12,8 @@ from ..runs.local import run_local
 
 LIST = Path(__file__).with_name("hashes.csv")
 NUMBERS = "x86_64, functions da308857"
-"""`surefoot.version.numbers` where the hashes hold: x86-64 with AVX2 and FMA, GNU C library 2.36 to 2.43."""
+"""Value of `surefoot.version.numbers` for which the public hashes hold: x86-64 with AVX2 and FMA, GNU C library 2.36 to
+2.43."""
 
 
 class PublicRun(NamedTuple):

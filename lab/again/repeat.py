@@ -28,10 +28,10 @@ from ..runs.local import run_local
 from .bisect import FirstDifference, first_difference
 
 WORLD = ("friction", "mass", "servo")
-"""Quantities of the world that `whatif` changes."""
+"""Names of the quantities of the world that `whatif` can scale or set."""
 FOOT, PUSH, FAULT = "foot", "push", "fault"
 LARGEST_SHIFT = 0.2
-"""Largest displacement of a foothold, m."""
+"""Largest displacement of a foothold that `whatif` allows, along an axis in either direction, m."""
 PUSH_S = 0.2
 """Duration of a push that `whatif` applies, s."""
 FORMS = "friction=.6, mass=1.2, servo=.8, push=y:20 (N), fault=imu_drop:2 (s), foot=lf:+.02 (m)"
@@ -43,15 +43,15 @@ class RecordedRun:
     """Metadata of a recorded run that a repetition needs.
 
     Attributes:
-        recording: the file, as far as it is sound.
-        scenario: as run, with its actuation delay and robot.
-        seed: of the run.
+        recording: readable part of the file.
+        scenario: scenario as it was run, with actuation delay and robot.
+        seed: seed of the run.
         run_hash: recorded hash; empty = the file was cut off before it.
-        hashes: digest of each key.
+        hashes: digest of the messages of each topic, by key.
         robot_hash: hash of the robot description.
-        versions: of the software that computed the run.
+        versions: versions of the software that computed the run, by name.
         ticks: control ticks of the run.
-        files: those that the run depended on and that are attached to the recording, by name.
+        files: content of the files attached to the recording, on which the run depended, by name.
     """
 
     recording: ReadableRecording
@@ -144,7 +144,7 @@ class RecordedRun:
 
 
 def _holds(path: Path, content: bytes) -> bool:
-    """Return whether a file has a content."""
+    """Return True if a file exists with exactly this content, else False."""
     try:
         return path.read_bytes() == content
     except OSError:
@@ -156,12 +156,12 @@ class Verification:
     """Result of the repetition of a recorded run.
 
     Attributes:
-        recorded, repeated: run hashes.
+        recorded, repeated: hash of the recorded and of the repeated run.
         keys: keys whose digests differ.
         first: first difference of the messages; None: there is none.
-        versions: name, then recorded and present version, of what has changed since.
+        versions: recorded and present version of software that has changed since, by name.
         altered: keys whose messages in the file are not those that were recorded.
-        damage: why not all of the recording can be read; empty = it is whole.
+        damage: reason why a part of the recording cannot be read; empty = all of it can be read.
         compared_s: simulated time to which its messages were compared, s; None: the hashes were.
     """
 
@@ -176,7 +176,7 @@ class Verification:
 
     @property
     def repeats(self) -> bool:
-        """True if the hash is the recorded one; where that is lost, if all messages that can be compared are equal."""
+        """True if the repeated run has the recorded hash or, if that is lost, all comparable messages are equal."""
         return self.recorded == self.repeated or (not self.recorded and bool(self.damage) and self.first is None)
 
     @property
@@ -226,7 +226,7 @@ def verify(
 
 
 def _versions(metadata: dict[str, dict[str, str]]) -> dict[str, str]:
-    """Return the versions of what computed a run, that of this project first."""
+    """Return the versions of surefoot, libraries and interpreter that computed a run, by name, surefoot first."""
     own = metadata.get(RUN, {}).get("version")
     return ({} if own is None else {"surefoot": own}) | metadata.get(VERSIONS, {})
 
@@ -253,7 +253,7 @@ def _joined(key: str) -> bool:
 
 
 def _not_allowed(why: str) -> SurefootError:
-    """Return the refusal of a change, which lists the forms that are allowed."""
+    """Return the error for a change that is not allowed, with the reason and the allowed forms."""
     return SurefootError("invalid", f"{why}; allowed are {FORMS}", "set")
 
 

@@ -10,7 +10,7 @@ from ..cli.progress import Progress
 
 app = typer.Typer()
 SHOWN = 20
-"""Contradicted claims in the table."""
+"""Largest number of contradicted claims that the table lists."""
 
 
 @app.command()

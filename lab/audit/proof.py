@@ -14,7 +14,7 @@ import numpy as np
 from surefoot.arrays import Array
 
 EXACT = 1e-6
-"""Residual of a proof that counts as none, m or weights; also that of its cones."""
+"""Tolerance of a proof, m or weights: residual of its equations and friction cones up to which these count as met."""
 
 
 def tangential(vectors: Array, normals: Array) -> tuple[Array, Array]:

@@ -24,25 +24,25 @@ from surefoot.services.stability.answers import region_reply
 from .proof import bounds, holds, inside
 
 ALLOWED_M = 2e-3
-"""Difference between a claimed margin and a proved bound that is no contradiction, m: twice the tolerance of the
-service's regions."""
+"""Difference between a claimed margin and a proved bound, m, up to which they do not contradict: twice the tolerance of
+the service's regions."""
 DIRECTIONS = 32
-"""Directions in which proofs are looked for."""
+"""Number of horizontal directions in which proofs are searched."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim of a margin and what is proved of it."""
+    """Stability margin that one `state/stability` message claims, with the bounds proved for it."""
 
     tick: int
     step: int
-    """Steps that the walker had taken."""
+    """Number of steps that the walker had taken at the time of the claim."""
     claimed: float
-    """Margin of the planned CoM, m."""
+    """Claimed stability margin of the planned CoM, m."""
     least: float
-    """Margin that forces prove, m; -inf: none is proved."""
+    """Lower bound of the margin, m, proved by contact forces; -inf = no bound was proved."""
     most: float
-    """Margin that twists prove not to be exceeded, m; inf: none is proved."""
+    """Upper bound of the margin, m, proved by twists of the robot; inf = no bound was proved."""
 
     @property
     def contradicted(self) -> bool:
@@ -64,23 +64,23 @@ class Audit:
     robot: str
     claims: tuple[Claim, ...]
     unchecked: int
-    """Messages of `state/stability` without a margin, or without the samples that they were computed from."""
+    """Number of `state/stability` messages without a margin, or without the samples that they were computed from."""
     notes: tuple[str, ...] = ()
-    """Sentences on what of the recording could be read."""
+    """Sentences on parts of the recording that could or could not be read."""
 
     @property
     def steps(self) -> int:
-        """Steps of the walk in which the service claimed a margin."""
+        """Number of different steps of the walk in which the stability service claimed a margin."""
         return len({claim.step for claim in self.claims})
 
     @property
     def contradicted(self) -> tuple[Claim, ...]:
-        """Claims that a proof excludes."""
+        """Claims of a margin that a proof excludes."""
         return tuple(claim for claim in self.claims if claim.contradicted)
 
 
 def audit(path: Path, progress: Callable[[float], None] = lambda share: None) -> Audit:
-    """Check every margin that a recording claims.
+    """Check every stability margin that a recording claims against proved bounds, and return the audit.
 
     Args:
         path: MCAP file.
@@ -132,7 +132,7 @@ def _claim(
 
 
 def _latest(known: dict[int, Any], tick: int) -> Any:
-    """Return what was published in a tick or in the last one before it."""
+    """Return the value of a control tick in `known`, else of the latest of the 19 ticks before; None: there is none."""
     return next((known[t] for t in range(tick, max(-1, tick - 20), -1) if t in known), None)
 
 

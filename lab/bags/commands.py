@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 OFF_SHARE = 0.6
-"""Force below which a foot stands no more, share of that from which it stands, where only this is stated."""
+"""Default ratio of the force below which a foot counts as lifted to the force above which it counts as standing."""
 
 
 def _formats(incomplete: str) -> list[str]:

@@ -29,12 +29,12 @@ from surefoot.robot.description import Robot
 from .foxglove import write_foxglove
 
 TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_contacts", "odometry": "/odom", "tf": "/tf"}
-"""Topics of a rosbag2; those of the import unless it is asked for others."""
+"""Topic names in an exported rosbag2, equal to the default names of the import."""
 VERSION = 9
-"""Version of the metadata of a rosbag2."""
+"""Version of the rosbag2 metadata format that is written."""
 FRAMES = ("odom", "base_link")
 Share = Callable[[float], None]
-"""Function that takes the share of the work that is done."""
+"""Progress function, which takes the finished share of the work, 0 to 1."""
 
 
 def export(

@@ -22,13 +22,13 @@ from ..estimation.torques import forces_by_torques
 from .raw import RawLog, Stream, Transform
 
 BODY = ("base_link", "base", "trunk", "body", "base_footprint", "torso", "root")
-"""Usual names of the frame of the trunk."""
+"""Usual names of the trunk's frame in the transforms of a bag."""
 MOST_SHARE = 0.95
-"""Quantile of a foot's force that is its usual largest."""
+"""Quantile of a foot's measured force that serves as its usual largest force."""
 LEAST_RANGE = 0.05
-"""Least range of a foot's force, as a share of the usual total, from which the foot lifts."""
+"""Range of a foot's force, as a share of the median total, up to which the foot counts as never lifted."""
 NEAR_M, NEAR_RAD = 0.01, 0.01
-"""Differences of the inertial unit's place and axes from those of the description that are not reported."""
+"""Differences of the inertial unit's position, m, and axes, rad, from the description; larger ones are reported."""
 
 
 @dataclass
@@ -86,7 +86,7 @@ def fitted(log: RawLog, robot: Robot, stated: tuple[float, float] | None = None,
 
 
 def _joint_order(log: RawLog, robot: Robot) -> list[int]:
-    """Return the columns of the robot's joints in the log."""
+    """Return the column index in the log of each joint of the robot."""
     if not log.joint_names:
         if log.joints.values.shape[1] == robot.nj:
             log.notes.append(f"joints without names: taken in the order of {robot.name}")
@@ -107,7 +107,7 @@ def _check_limits(joints: Array, robot: Robot) -> None:
 
 
 def _turned(log: RawLog, robot: Robot, imu_frame: str, notes: list[str]) -> Array:
-    """Return the inertial rows (n, 6) in the axes of the robot's unit."""
+    """Return the inertial rows (n, 6) of the log (rad/s, m/s^2), turned into the axes of the robot's inertial unit."""
     name = imu_frame or log.imu_frame
     own, values = matrix_from_quat(robot.imu.quat_wxyz), log.imu.values
     chain = _chain(name, log.frames, robot)
@@ -130,7 +130,7 @@ def _turned(log: RawLog, robot: Robot, imu_frame: str, notes: list[str]) -> Arra
 
 
 def _chain(name: str, frames: dict[str, Transform], robot: Robot) -> tuple[Array, Array] | None:
-    """Return position (3,) and rot_trunk_from_frame of a frame; None = it does not lead to the trunk."""
+    """Return position (3,) m and rot_trunk_from_frame (3, 3) of a frame; None = it is not connected to the trunk."""
     place, rot = np.zeros(3), np.eye(3)
     for _ in range(len(frames) + 1):
         if name in BODY or name == robot.name:
@@ -144,7 +144,7 @@ def _chain(name: str, frames: dict[str, Transform], robot: Robot) -> tuple[Array
 
 
 def _foot_order(log: RawLog, robot: Robot, notes: list[str]) -> list[int]:
-    """Return the columns of the robot's legs among the feet of the log."""
+    """Return the column index among the log's feet of each leg of the robot."""
     assert log.feet is not None
     count = log.feet.values.shape[1]
     if not log.feet_names:
@@ -159,7 +159,7 @@ def _foot_order(log: RawLog, robot: Robot, notes: list[str]) -> list[int]:
 
 
 def _rule(raw: Array, robot: Robot, stated: tuple[float, float] | None, notes: list[str]) -> ForceContact | None:
-    """Return zero, scale and thresholds of forces (k, F); None = they show nothing."""
+    """Return zero, scale and contact thresholds of foot forces (k, F); None = the forces do not show any contact."""
     if stated is not None:
         return ForceContact((0.0,) * robot.nlegs, (1.0,) * robot.nlegs, *stated)
     low, high = np.quantile(raw, [REST_SHARE, MOST_SHARE], axis=0)

@@ -17,10 +17,10 @@ from ..scene.primitives import sdk
 from ..scene.scene import KEYS, RobotScene
 
 RATE_HZ = 50.0
-"""Snapshots of a second of simulated time."""
+"""Rate of exported snapshots in simulated time, Hz."""
 LINE_KEY = "log/"
 LATEST_S = 2.0**32
-"""Times of Foxglove's messages are below it, s."""
+"""Upper limit of stamps in Foxglove's messages, s; later poses are refused."""
 
 
 def write_foxglove(

@@ -1,4 +1,4 @@
-"""Heights of a grid_map in a ROS bag.
+"""Import of terrain heights from a grid_map message in a ROS bag.
 
 Cell (i, j) of a grid_map lies at (x, y) = centre + half of its lengths - (i + 1/2, j + 1/2) resolution; its layers are
 circular buffers that begin at `outer_start_index`, `inner_start_index`.
@@ -17,9 +17,9 @@ from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from .ros import bag_messages, reader_of
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-"""Suffixes of bags; a folder is one, too."""
+"""File suffixes of ROS bags; a folder counts as a bag, too."""
 GRID, LAYER = "grid_map_msgs/msg/GridMap", "elevation"
-"""Type of a map's message, and the layer that holds heights."""
+"""`GRID`: ROS message type of an elevation map; `LAYER`: name of the layer with its heights."""
 
 
 def last_heights(path: Path) -> HeightMap:

@@ -21,7 +21,7 @@ from surefoot.services.stability.service import Stability
 from .fit import RobotLog
 
 FEWEST_ROWS = 50
-"""Fewest inertial rows of a log that is imported."""
+"""Least number of inertial samples in a log; shorter logs are refused."""
 
 
 class Player(Driver[ServiceConfig]):

@@ -11,13 +11,13 @@ from surefoot.errors import SurefootError
 from surefoot.record.tables import read_table
 
 TABLES = (".csv", ".npz")
-"""Suffixes of logs as tables."""
+"""File suffixes of logs that are stored as tables."""
 AHEAD_S = 10.0
-"""Gap between two stamps from which the clock has jumped, s."""
+"""Step between two stamps, s, above which the clock counts as having jumped, and the log is refused."""
 
 
 class Stream(NamedTuple):
-    """Rows of one sensor with their stamps."""
+    """Rows of one sensor's samples with their stamps."""
 
     stamp_ns: Ints  # (n,)
     values: Array  # (n, k)

@@ -20,14 +20,14 @@ from surefoot.record.fields import FieldPath
 from .raw import RawLog, Stream, Transform, in_order
 
 INSTALL = "pip install 'surefoot[bags]'"
-"""Command that adds the reader of bags."""
+"""Command that installs the optional reader of ROS bags."""
 IMU, JOINTS, TRANSFORMS = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "tf2_msgs/msg/TFMessage"
-"""Types of the topics that are read by name."""
+"""ROS message types of inertial samples, joint states and transforms."""
 UNREADABLE = (
     ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError, OSError, TypeError, ValueError,
     sqlite3.Error, struct.error,
 )  # fmt: skip
-"""Errors of a reader in a damaged file, besides its own."""
+"""Exceptions that the bag reader raises on a damaged file, besides its own."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def _broken(path: Path, error: Exception) -> SurefootError:
 
 
 def log_of_bag(path: Path, wanted: BagTopics) -> RawLog:
-    """Read the topics of a bag.
+    """Return the raw log of a bag, read from the wanted topics.
 
     Raises:
         SurefootError: the bag cannot be read, a topic is absent or of another type, or its clock jumps.
@@ -126,7 +126,7 @@ def bag_messages(reader: Any, path: Path, topics: set[str]) -> Iterator[tuple[st
 
 
 class _Collected:
-    """Rows of the topics of a bag."""
+    """Rows of sensor samples collected from the topics of a bag while it is read."""
 
     def __init__(self, wanted: BagTopics) -> None:
         self.wanted = wanted
@@ -162,7 +162,7 @@ class _Collected:
             self.rows["contacts"].append((stamp, values.astype(np.float64)))
 
     def _joints(self, row: int, m: Any) -> tuple[Any, Any, Any]:
-        """Return positions, velocities and efforts of the named joints; None = absent."""
+        """Return positions, velocities and efforts of the named joints in a JointState message; None = field absent."""
         topic, given = self.wanted.joints, self.wanted.joint_names
         if given and len(m.position) < len(given):
             text = f"{topic} row {row}: {len(m.position)} positions, --joint-names has {len(given)}"

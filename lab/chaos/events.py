@@ -9,27 +9,27 @@ from surefoot.schemas.topics import CMD_JOINTS
 
 Kind = Literal["drop", "duplicate", "reorder", "delay", "corrupt", "forge", "freeze", "kill", "terminate", "slow"]
 MESSAGES: tuple[Kind, ...] = ("drop", "duplicate", "reorder", "delay", "corrupt", "forge")
-"""Faults of messages alone; a run in lockstep under them is that without faults to the bit."""
+"""Kinds of faults that spoil only messages; a lockstep run with them equals the run without faults bit by bit."""
 FREEZE_S = (0.3, 1.0, 5.0)
-"""Durations of a freeze, s; a driver is frozen for less than `DRIVER_FREEZE_S`."""
+"""Durations of a service freeze to draw from, s; a driver is frozen for less than `DRIVER_FREEZE_S`."""
 DRIVER_FREEZE_S = 3.0
 SLOW_S = (1.0, 3.0)
-"""Durations of slow running, s of wall time."""
+"""Durations for which a service is slowed down, to draw from, wall time, s."""
 MOST_MESSAGES = 20
-"""Deliveries that one event spoils at most; commands that one event forges in a live system."""
+"""Largest number of deliveries that one event spoils, and number of commands that it forges in a live system."""
 MOST_ROUNDS = 30
-"""Delay of a delivery at most, rounds of the bus."""
+"""Largest delay of a delivery, in rounds of the bus."""
 SWARM_SHARE = 0.5
-"""Probability with which a seed leaves a kind of faults on."""
+"""Probability with which each kind of faults is enabled in the run of a seed."""
 FORGER = "forger"
-"""Sender of forged messages."""
+"""Sender name of forged messages."""
 FORGED_RAD = 0.4
 """Difference between a forged joint command and the real one, rad."""
 
 
 @dataclass(frozen=True)
 class ChaosEvent:
-    """Random fault that a seed has drawn: kind, target, time."""
+    """Random fault drawn from a seed: kind, target service, tick, number of messages and size."""
 
     kind: Kind
     tick: int
@@ -101,12 +101,12 @@ def swarm(stage: Stage, seed: int) -> tuple[Kind, ...]:
 def draw_events(
     stage: Stage, seed: int, number: int, services: Sequence[str], ticks: int, kinds: Sequence[Kind] = ()
 ) -> tuple[ChaosEvent, ...]:
-    """Return events in the order of their ticks; the same for the same seed.
+    """Return random faults in the order of their ticks, identical for equal seeds.
 
     Args:
         stage: `MEMORY` or `LIVE`.
-        seed: of the draw.
-        number: of events.
+        seed: seed of the random generator.
+        number: number of events to draw.
         services: names of services that may be hit, the driver first (it is not killed).
         ticks: of the run; no event begins in its last fifth, so that the end shows whether everything recovered.
         kinds: to draw from; empty = those that the seed allows, see `swarm`.

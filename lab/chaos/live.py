@@ -35,9 +35,9 @@ from .run import falls_when_held
 SLOW_PERIOD_S, SLOW_SHARE = 0.1, 0.7
 """Period of slow running, s of wall time, and the share of it in which a slow service is stopped."""
 LOOK_S = 0.01
-"""Wall time between two looks at the system, s."""
+"""Wall time between two checks of the system's state, s."""
 RECOVER_S = 90.0
-"""Wall time after the end of a fault within which every service must be back, s; a start alone takes 10 s on a loaded
+"""Longest wall time from the end of a fault until every service is back, s; a start alone takes 10 s on a loaded
 machine."""
 
 
@@ -46,11 +46,11 @@ class LiveRun(ChaosRun):
     """Result of a run of live processes with random faults."""
 
     bags: dict[str, int]
-    """Messages that can be read in each recording."""
+    """Number of readable messages by recording file."""
     verdict: RunVerdict
     """Verdict on the limits of the scenario."""
     report: Path | None
-    """Page of the run."""
+    """Path of the HTML report of the run; None = no report."""
 
 
 def run_live(
@@ -69,7 +69,7 @@ def run_live(
     Args:
         scenario: what to do.
         seed: of the events.
-        events: how many.
+        events: number of events.
         options: those of the same run without faults.
         kinds: of faults that are drawn; empty = all, of which the seed leaves some out.
         ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
@@ -138,7 +138,7 @@ class Chaos:
         self.outcomes: list[ChaosOutcome] = []
         self.violations: list[str] = []
         self.processes: set[tuple[str, int]] = set()
-        """Name and group of every process that was seen."""
+        """Service name and process group of every process seen so far."""
         self._events = list(events)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="chaos", daemon=True)
@@ -164,7 +164,7 @@ class Chaos:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Each event in words, for the report."""
+        """Return one sentence on each event so far, for the report."""
         return tuple(_words(outcome) for outcome in self.outcomes)
 
     def fell_at(self) -> int | None:
@@ -232,7 +232,7 @@ class Chaos:
                 self.violations.append(f"{event.kind} of {event.service}: {type(error).__name__}: {error}")
 
     def _suffer(self, event: ChaosEvent) -> None:
-        """Carry out one event, from its beginning to the recovery from it."""
+        """Inject one fault into the live system, and wait until the system has recovered from it."""
         session = self.session
         row = next(row for row in session.rows() if row.service == event.service)
         identity = None if row.pid is None else identify(row.pid)
@@ -283,7 +283,7 @@ class Chaos:
             self.violations.append(f"{event.service} {what} {waited:.0f} s after {event.kind} in tick {event.tick}")
 
     def _stand(self, identity: Identity, until: float, service: str, status: SimStatus | None) -> None:
-        """Let a process stand still until a time of the monotonic clock."""
+        """Stop a process with SIGSTOP until a time of the monotonic clock, s."""
         identity.signal_group(signal.SIGSTOP)
         try:
             self._wait(until, service, status)
@@ -296,7 +296,7 @@ class Chaos:
             time.sleep(min(LOOK_S, left))
 
     def _is_back(self, service: str, gone: Identity | None, ticks: int) -> bool:
-        """Return whether a service answers as before: its process is well and does the ticks that come now."""
+        """Return True if a service works as before: its process is healthy and does the current ticks, else False."""
         session = self.session
         row = next(row for row in session.rows() if row.service == service)
         if row.state != "healthy" or row.pid is None or (gone is not None and row.pid == gone.pid):
@@ -319,7 +319,7 @@ class Chaos:
         return 0 if health is None else health.refused.get("unbound", 0)
 
     def _forge(self, count: int) -> None:
-        """Publish joint commands of the present ticks in the walker's name, from another process."""
+        """Publish `count` forged joint commands for the current ticks in the walker's name, from another process."""
         last = next((d for d in reversed(self.session.supervisor.kept) if d.topic.key == SIM_TRUTH.key), None)
         if last is None:
             return

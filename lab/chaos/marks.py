@@ -17,12 +17,12 @@ from surefoot.services.walker.memory import MemoryFile
 
 
 class Recovery(NamedTuple):
-    """One way in which the runtime recovers from a fault: its method, and which calls of it were a recovery."""
+    """Recovery of the runtime from a fault: a method, and a predicate of which calls of it were a recovery."""
 
     owner: type[Any]
     method: str
     taken: Callable[[Any, tuple[Any, ...], Any], bool]
-    """Return whether a call of the method took the recovery, by its object, its arguments and its result."""
+    """Predicate of a call of the method (object, arguments, result): True if the call took the recovery, else False."""
 
 
 def _always(owner: Any, args: tuple[Any, ...], result: Any) -> bool:

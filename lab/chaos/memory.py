@@ -22,13 +22,13 @@ from .events import ChaosEvent, ChaosOutcome
 IDLE_S = 0.01
 """Virtual time that passes in a round in which no service has anything to do, s."""
 LEASE_S = 1.0
-"""Duration of a freeze after which the token of a service is gone, s."""
+"""Duration of a freeze, virtual time, s, from which on the liveliness token of the service is lost."""
 RESTART_S = 1.5
 """Virtual time from the death of a service to its successor, s."""
 JOIN_S = 1.0
-"""Virtual time after which a service that is back must be on the roster, s."""
+"""Virtual time, s, after its return from which on a service must be on the roster of active services."""
 PATIENT_S = 5.0
-"""Virtual time that a caller waits for a service that is frozen, s."""
+"""Longest virtual time that a caller waits for a frozen service, s."""
 STALL_S = 300.0
 """Virtual time without a tick after which a run counts as stalled, s."""
 
@@ -44,9 +44,9 @@ class ChaosBus(MemoryBus):
         super().__init__()
         self._random, self._forge = Random(seed), forge
         self.left: dict[ChaosEvent, int] = {}
-        """Deliveries that active events may still spoil."""
+        """Number of deliveries that each active event may still spoil."""
         self.spoilt = Counter[ChaosEvent]()
-        """Deliveries that events have spoilt."""
+        """Number of deliveries that each event has spoilt."""
         self._held: list[tuple[int, Callable[[Delivery], Any], Delivery]] = []
         self._round = 0
 
@@ -132,7 +132,7 @@ class ChaosSystem:
             self.bus.pump_with(query, lambda name=name, node=node: self._answer(name, node))
 
     def _answer(self, name: str, node: Node) -> bool:
-        """Let a service answer a query; return False where nothing more comes of it.
+        """Let a service handle a pending query; return True if it did, False if it stays frozen or has none.
 
         While it is frozen the caller waits, as over Zenoh: time passes, the others go on, nothing else happens.
         """
@@ -172,7 +172,7 @@ class ChaosSystem:
                 raise BusError("stalled", why)
 
     def _work(self, progressed: bool) -> None:
-        """Let every service that is here work once, but those that wait for an answer; without work time passes."""
+        """Let each present service that waits for no answer work once; if none has work, advance virtual time."""
         for name, node in list(self.nodes.items()):
             if name not in self._frozen and name not in self._dead and node not in self._at_work:
                 self._at_work.append(node)
@@ -187,7 +187,7 @@ class ChaosSystem:
             self.bus.announce(name, self.nodes[name].instance)
 
     def _happen(self) -> None:
-        """Begin the events that are due, end the freezes, start the successors."""
+        """Begin the faults that are due, end freezes that are over, and restart killed services whose delay is over."""
         self._over_freezes()
         for name in self._over(self._dead):
             self._start(name)
@@ -209,7 +209,7 @@ class ChaosSystem:
                 self.bus.left[event] = event.count
 
     def _over(self, absences: dict[str, float]) -> list[str]:
-        """Take out the services whose absence is over, and return their names."""
+        """Remove the services whose absence is over from `absences` (end by name, s), and return their names."""
         names = [name for name, until in absences.items() if until <= self.now]
         for name in names:
             del absences[name]
@@ -220,7 +220,7 @@ class ChaosSystem:
         return {(name, why): n for name, node in self.nodes.items() for why, n in node.refused.items()}
 
     def _notice(self) -> None:
-        """Note the first sign of an event: a driver that waits, or a service that counts one refusal more."""
+        """Record the first sign of each fault: a driver that waits, or a service that counts another refusal."""
         leader = self.driver.leader
         for place, outcome in enumerate(self.outcomes):
             event = outcome.event
@@ -234,7 +234,7 @@ class ChaosSystem:
                 self.outcomes[place] = replace(outcome, noticed=self.now, by=by)
 
     def _close_events(self) -> None:
-        """Note that events are over: a tick comes, with every service on the roster."""
+        """Record the recovery from faults: a tick in which every service is on the roster."""
         self._notice()
         leader = self.driver.leader
         if self._frozen or self._dead or not set(leader.expect) <= set(leader.members):

@@ -29,11 +29,11 @@ from .events import FORGED_RAD, FORGER, MEMORY, MESSAGES, ChaosEvent, ChaosRun, 
 from .memory import ChaosSystem
 
 SAFE = ("recorder", Supervisor.name)
-"""Services that are not hit: they keep the record of the run."""
+"""Services that no fault hits, as they keep the record of the run."""
 HELD_TICKS = 300
-"""Control ticks in which a held robot that does not stand falls."""
+"""Number of control ticks (3 s) within which a robot that cannot stand falls after its joints were held."""
 FORGED_M_PER_S = 3.0
-"""Forged velocity, m/s."""
+"""Forward velocity in a forged velocity estimate, m/s."""
 _CLEAN: dict[str, str] = {}
 
 
@@ -44,7 +44,7 @@ class MemoryRun(ChaosRun):
     run_hash: str
     """Hash of everything deterministic, the same whenever the seed is replayed."""
     unbound: int
-    """Messages of strangers that were refused."""
+    """Number of refused messages from senders that do not belong to the system."""
     wall_s: float
     """Virtual time of the run, s."""
 
@@ -176,7 +176,7 @@ def _conduct(
 
 
 def _follow(system: ChaosSystem, request: ResetRequest, seed: int, progress: Callable[[float], None]) -> MemoryRun:
-    """Run a system to the end of its scenario while it suffers the events of a seed."""
+    """Run a system to the end of its scenario under its faults, and return the result."""
     simulator = system.driver.service
     assert isinstance(simulator, Simulator)
     leader, violations, fallen = system.driver.leader, list[str](), list[int]()
@@ -207,7 +207,7 @@ def _follow(system: ChaosSystem, request: ResetRequest, seed: int, progress: Cal
 
 
 def _forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:
-    """Return the message that a stranger publishes before the owner: the same header, other content."""
+    """Return a forged message with the header of a delivery and other content; None if this topic is not forged."""
     message = delivery.message()
     header = (message.stamp_ns, message.tick, message.epoch, message.seq, message.source)
     if isinstance(message, JointCommand) and message.position is not None:

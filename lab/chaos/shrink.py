@@ -12,7 +12,7 @@ from .events import ChaosEvent
 from .run import suffer
 
 MOST_RUNS = 200
-"""Runs that one shrinking takes at most."""
+"""Largest number of runs to shrink one failing set of events."""
 _NUMBERS = re.compile(r"\d+(\.\d+)?")
 _TEST = '''"""A failure of `surefoot chaos`, seed {seed}, shrunk from {drawn} events to {left}: {failure}"""
 
@@ -41,7 +41,7 @@ class Shrunk(NamedTuple):
     failure: str
     """First violation of the run with these events."""
     runs: int
-    """Runs that the shrinking took."""
+    """Number of runs that the shrinking took."""
 
 
 def shape(violation: str) -> str:
@@ -86,7 +86,7 @@ def shrink(events: Sequence[ChaosEvent], fail: Callable[[Sequence[ChaosEvent]], 
 
 
 def _least(events: tuple[ChaosEvent, ...], fails: Callable[[Sequence[ChaosEvent]], bool]) -> tuple[ChaosEvent, ...]:
-    """Return a subset that fails, of which nothing can be left out."""
+    """Return a minimal subset of events that still fails: without any one of them it does not."""
     if fails(()):
         return ()
     parts = 2

@@ -23,7 +23,7 @@ from .output import (
 app = typer.Typer(help="Recordings (MCAP): record, play, show.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="MCAP file.")]
 SHOWN = 100
-"""Characters of an entry of the metadata that people are shown."""
+"""Number of characters after which the readable list of metadata cuts an entry off; `--json` shows all."""
 Keys = Annotated[list[str] | None, typer.Option("--key", "-k", help="Only this topic; may be given several times.")]
 
 

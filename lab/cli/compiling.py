@@ -18,12 +18,12 @@ COSTS: Mapping[str, tuple[Mapping[str, float], ...]] = {
         {"integrate": 1.9, "_ahead": 1.0, "_rolling": 0.6, "_misfit": 2.2, "follow_log": 27.5},
     ),
 }  # fmt: skip
-"""Kernels that a command compiles, in their order, with the processor time of each on a slow core, s: where none are
-kept, and where those of the services are."""
+"""Kernels that a command compiles, in order, with the processor time of each on a slow core, s: first where none are
+kept in the cache, then where those of the services are."""
 PACED_S = 4.0
-"""Usual processor time of finished kernels from which their real one shows how fast this machine is, s."""
+"""Usual processor time, s, of the finished kernels from which on their real time is used to scale estimates."""
 MOST = 0.95
-"""Largest share of a kernel that is stated as done before it is."""
+"""Largest share of a kernel's usual time that counts as done while the kernel is still being compiled."""
 
 
 class CompiledShare:

@@ -46,7 +46,7 @@ def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[
 
 
 def _knock(where: str) -> None:
-    """Fail at once when no router listens, instead of after Zenoh's time limit."""
+    """Raise an error at once if no router listens at an endpoint, instead of after Zenoh's time limit."""
     from surefoot.errors import BusError
 
     from .running import RunningSystem

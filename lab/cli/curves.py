@@ -11,11 +11,11 @@ from surefoot.schemas.base import Message
 
 LINES = 15
 SPAN_S = 10.0
-"""Simulated time that a picture shows."""
+"""Span of simulated time that the plot of a message field shows, s."""
 LABEL = 10
-"""Letters of a value beside the picture."""
+"""Width of the axis labels beside the plot, characters."""
 MOST = 8
-"""Curves at most, those of the first elements of a list."""
+"""Largest number of curves in a plot; of a longer list only the first elements are drawn."""
 
 
 class Curves:
@@ -43,7 +43,7 @@ class Curves:
 
     @property
     def begun(self) -> bool:
-        """Return whether a message was added to the curves."""
+        """Return True if a message was added to the curves, else False."""
         return bool(self._kept)
 
     def lines(self) -> list[str]:
@@ -69,7 +69,7 @@ class Curves:
 
 
 def _numbers(value: Any, field: str) -> Iterator[float]:
-    """Yield the numbers of a value, lists taken apart; absent ones as NaN."""
+    """Yield the numbers of a field's value, with lists flattened and absent numbers as NaN."""
     if isinstance(value, list):
         for part in value:  # pyright: ignore[reportUnknownVariableType]
             yield from _numbers(part, field)
@@ -82,7 +82,7 @@ def _numbers(value: Any, field: str) -> Iterator[float]:
 
 
 def has_numbers(annotation: Any) -> bool:
-    """Return whether a field of this type can be drawn: it holds numbers, also in lists or where they may be absent."""
+    """Return True if a field of this type can be plotted: it holds numbers, in lists, or optional; else False."""
     inside = get_args(annotation)
     if get_origin(annotation) is Annotated:
         return has_numbers(inside[0])

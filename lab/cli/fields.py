@@ -34,7 +34,7 @@ _EXAMPLES: dict[str, dict[str, Any]] = {
     "CalibrateRequest": {"action": "status"},
     "ConfigureRequest": {"values": {"mu": "0.5"}},
 }
-"""Examples of requests whose fields have to fit each other, or the robot."""
+"""Example field values, by request model, for requests whose fields have to fit each other or the robot."""
 
 
 def describe(model: type[BaseModel]) -> dict[str, list[dict[str, str]]]:

@@ -20,9 +20,10 @@ class Form(StrEnum):
 
 
 SIMULATOR = "simulator"
-"""The driver of the picture."""
+"""Name of the service that stands for the driver in the drawn graph of services."""
 MOST_SOURCES = 3
-"""A service that reads topics of more services than these observes the whole system: drawn with one arrow."""
+"""Number of services above which a service that reads their topics is drawn with a single arrow, as it observes the
+whole system."""
 
 
 def graph(

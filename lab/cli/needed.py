@@ -14,7 +14,7 @@ from typer.models import ArgumentInfo
 from surefoot.errors import FieldError
 
 COMPLETING = "_SUREFOOT_COMPLETE"
-"""Environment variable of a shell that asks for completions, with the words of the command line in another one."""
+"""Environment variable that a shell sets when it asks for completions of a command line."""
 
 
 def needed(app: typer.Typer, words: Sequence[str]) -> typer.Typer:

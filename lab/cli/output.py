@@ -21,9 +21,9 @@ USAGE = (
     "unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed", "unreadable", "not_found",
     "no_samples", "not_live", "unknown_name",
 )  # fmt: skip
-"""Codes of errors in the user's own words or files, which end with `EXIT_USAGE`."""
+"""Error codes that the user's arguments or files cause; a command that fails with one exits with `EXIT_USAGE`."""
 WRONG_PATH = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectoryError)
-"""Errors of a path that the user has named; a full or read-only disk is none."""
+"""Exceptions that a wrong path given by the user causes; those of a full or read-only disk are not among them."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 Connect = Annotated[
@@ -43,12 +43,12 @@ RobotChoice = Annotated[
 
 @dataclass
 class OutputState:
-    """Settings of the output of the command line."""
+    """Settings of the command line's output: JSON or tables, log lines or plain lines."""
 
     debug: bool = False
     json: bool = False
     log: bool = False
-    """Messages go to a log, each line with its time."""
+    """True: notices are log lines with time and level; False: plain lines for people."""
 
 
 state = OutputState()
@@ -193,7 +193,7 @@ def _write_error(code: str, message: str, field: str | None) -> None:
 
 
 def _is_usage(error: Exception) -> bool:
-    """Return whether the user's own words or files are at fault, not the system."""
+    """Return True if the user's arguments or files caused an error, False if the system did."""
     if getattr(error, "code", "") in USAGE or (isinstance(error, WRONG_PATH) and error.filename is not None):
         return True
     return any(kind.__name__ in ("TableError", "ConfigError") for kind in type(error).__mro__)

@@ -114,7 +114,7 @@ def _configs(connect: str | None, namespace: str | None) -> "dict[str, ConfigRep
 
 
 def known_service(service: str) -> str:
-    """Return the name of a service; refuse what cannot stand in a key."""
+    """Return the name of a service; raise an error for a text that cannot be part of a key."""
     from surefoot.lockstep.discover import service_names
     from surefoot.nearest import did_you_mean
 

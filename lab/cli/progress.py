@@ -11,9 +11,10 @@ from surefoot.errors import SurefootError
 from .output import notify
 
 FIRST_S, SECOND_S, EACH_S = 0.5, 2.0, 10.0
-"""Wall time before the first line, from it to the second, and the longest between further lines."""
+"""Wall time between progress lines, s: `FIRST_S`: before the first line; `SECOND_S`: from the first to the second;
+`EACH_S`: longest between further lines."""
 LEAST_SHARE = 0.01
-"""Share from which the time left is stated: before, a first step that compiled kernels would make it hours."""
+"""Finished share of the work from which on the remaining time is shown; below, slow first steps would distort it."""
 
 
 class Progress:
@@ -70,7 +71,7 @@ class Progress:
         self._write_due()
 
     def and_on(self, share: float) -> bool:
-        """Set the share that is done, 0 to 1; return True, for work that asks whether to go on."""
+        """Set the finished share of the work, 0 to 1, and return True, for callers that stop at False."""
         self.at(share)
         return True
 

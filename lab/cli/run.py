@@ -149,7 +149,7 @@ def _show(outcome: "RunOutcome", *, json: bool) -> None:
 
 
 class _ProgressLine:
-    """One line that is rewritten on a terminal, and a few lines otherwise."""
+    """Progress display of a run: one line that is rewritten on a terminal, and a few lines otherwise."""
 
     def __init__(self, name: str, *, quiet: bool) -> None:
         self._name, self._quiet, self._progress = name, quiet, None

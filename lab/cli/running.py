@@ -10,10 +10,10 @@ WELL = "healthy"
 
 
 class RunningSystem(NamedTuple):
-    """A system that a command can reach.
+    """Running system that a command can reach.
 
     Attributes:
-        name: of the system, or its namespace where it runs elsewhere.
+        name: name of the system, or its namespace if it runs on another machine.
         connect: Zenoh endpoint of its router.
         namespace: prefix of its keys.
         folder: its run folder, None where it runs elsewhere.

@@ -13,7 +13,7 @@ from .running import RunningSystem
 
 REASON, TIMEOUT_S = "surefoot stop", 3.0
 SIMULATOR = "simulator"
-"""Service whose runs `surefoot sim reset` begins anew; drivers of real robots have no such query."""
+"""Name of the driver service that can be reset to a new run; drivers of real robots cannot."""
 
 
 class Stopped(NamedTuple):
@@ -24,7 +24,7 @@ class Stopped(NamedTuple):
         driver: the service that holds the joints, empty when none has confirmed.
         stopped: reason of the stop in force.
         tick: control tick in which it was in force, -1 when none has confirmed.
-        after_ms: wall time from the call to the confirmation.
+        after_ms: wall time from the call to the confirmation, ms.
         detail: remedy when it is not confirmed.
     """
 

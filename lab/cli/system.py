@@ -239,7 +239,7 @@ def health(
 
 
 def _folders(system: str | None) -> list["RunFolder"]:
-    """Return the run folders of a system, or all, the ones that run last."""
+    """Return the run folders of a system, or of all systems for None, with running systems last."""
     from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders
 
     if system is not None:
@@ -248,7 +248,7 @@ def _folders(system: str | None) -> list["RunFolder"]:
 
 
 def _check_known(name: str) -> None:
-    """Refuse the name of a system that neither has run here nor could be started."""
+    """Raise an error for the name of a system that neither has run here nor could be started."""
     from surefoot.files import names
     from surefoot.nearest import did_you_mean
     from surefoot.services.supervisor.processes.rundir import run_folders

@@ -8,10 +8,10 @@ from typer import style
 
 GAP = "  "
 LEAST_TEXT = 24
-"""Least width of a column whose cells are wrapped, characters; below it the rows become blocks."""
+"""Least width of a column with wrapped cells, characters; where less is available, each row is printed as a block."""
 
 Cell = tuple[str, str]
-"""Text and style; a style is the name of a colour, after `bold ` where wanted, or empty."""
+"""Cell of a table: its text and its style, the name of a colour with an optional `bold ` before it, or empty."""
 
 
 def table_lines(
@@ -64,7 +64,7 @@ def _widths(texts: Sequence[Sequence[str]], width: int | None, right: Sequence[i
 
 
 def _least(column: Sequence[str], *, wrapped: bool) -> int:
-    """Return the least width of a column, whose first text is its name; of cells that do not wrap, their own width."""
+    """Return the least width, characters, of a column (its name, then its cells); unwrapped: of the longest cell."""
     name, *cells = column
     longest = max((len(text) for text in cells), default=0)
     words = max((len(word) for text in (column if wrapped else [name]) for word in text.split()), default=0)
@@ -72,7 +72,7 @@ def _least(column: Sequence[str], *, wrapped: bool) -> int:
 
 
 def _row(cells: Sequence[Cell], widths: Sequence[int], right: Sequence[int]) -> Iterator[str]:
-    """Yield the lines of a row of columns."""
+    """Yield the text lines of one table row, whose cells are wrapped to the column widths."""
     wrapped = [_folded(text, width) for (text, _), width in zip(cells, widths, strict=True)]
     for number in range(max(len(lines) for lines in wrapped)):
         shown: list[str] = []

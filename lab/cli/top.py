@@ -14,26 +14,26 @@ if TYPE_CHECKING:
     from surefoot.schemas.stability import StabilityStatus
 
 KEPT = 4096
-"""Messages of a topic that are kept for its statistics; the oldest are dropped."""
+"""Largest number of messages of a topic that are kept for its statistics; the oldest are dropped."""
 TICKS = 512
-"""Ticks whose arrival is remembered."""
+"""Number of latest control ticks of which the arrival of the first message is kept."""
 COLUMNS, LINES = 41, 13
-"""Letters of the picture."""
+"""Size of the support polygon picture, characters: `COLUMNS` across, `LINES` down."""
 LEAST_M = 0.05
-"""Smallest half width of the picture, m."""
+"""Smallest half extent of the area that the support polygon picture shows, m."""
 
 
 class TopicTraffic(NamedTuple):
-    """Traffic of a topic within the window."""
+    """Message rate, size and latency of a topic within the time window."""
 
     key: str
     hz: float
-    """Rate in wall time."""
+    """Message rate of the topic in wall time, Hz."""
     kb_per_s: float
     bytes: float
-    """Mean size of a message with its attachment."""
+    """Mean size of a message of the topic with its attachment, bytes."""
     p50_ms: float
-    """From the arrival of the first message of a tick to that of this topic's message of that tick."""
+    """Median time from the arrival of a tick's first message on any topic to that of this topic's message, ms."""
     p99_ms: float
 
 
@@ -110,12 +110,12 @@ def polygon_lines(status: "StabilityStatus | None") -> list[str]:
 
 
 def _place(row: int, column: int, half_x: float, half_y: float) -> tuple[float, float]:
-    """Return the place, m, of a letter of the picture at a row and a column."""
+    """Return the point (x, y), m, that the character at a row and a column of the picture covers."""
     return half_x * (1.0 - 2.0 * row / (LINES - 1)), half_y * (1.0 - 2.0 * column / (COLUMNS - 1))
 
 
 def _inside(corners: Sequence[Any], x: float, y: float) -> bool:
-    """Return whether a point lies in a convex polygon, counter-clockwise."""
+    """Return True if (x, y) lies in a convex polygon with counter-clockwise corners, else False."""
     following = [*corners[1:], corners[0]]
     return all(
         (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0.0

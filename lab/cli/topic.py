@@ -40,10 +40,10 @@ SILENCE_S = 2.0  # s wall, after so long without a message the reason is looked 
 CLEAR = "\x1b[H\x1b[2J"
 """Escape sequence that clears a terminal."""
 REDRAWN_S = 0.2
-"""Wall time between two pictures of a plot."""
+"""Wall time between two redraws of a plot in the terminal, s."""
 HEADER = ("stamp_ns", "tick", "epoch", "seq", "source")
 SHOWN, LONGEST = 24, 200
-"""Elements of a list and characters of a text that a readable line shows."""
+"""Limits of a readable line: `SHOWN`: elements of a list, `LONGEST`: characters of a text; the rest is cut off."""
 
 app = typer.Typer(help="Topics: list, show, echo, publish, measure.", no_args_is_help=True)
 Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.", autocompletion=topics)]
@@ -263,7 +263,7 @@ def top(
 
 
 def _show_top(rows: "Sequence[TopicTraffic]", polygon: "Sequence[str]", robot: "Client") -> None:
-    """Write one table; on a terminal it replaces the one before."""
+    """Write the table of topic traffic and the support polygon; on a terminal they replace the previous output."""
     if sys.stdout.isatty():
         write(CLEAR)
     if not rows:
@@ -339,7 +339,7 @@ def _why(robot: "Client") -> str:
 
 
 def _latched(robot: "Client", topic: "Topic[Any]") -> "Delivery | None":
-    """Return what a latched topic holds, where its owner can be asked: it was published before this reader came."""
+    """Return the present message of a latched topic, requested from its owner; None if the owner has no such query."""
     from surefoot.bus.interface import Delivery
     from surefoot.errors import CallError
     from surefoot.schemas.topics import QUERIES, Kind

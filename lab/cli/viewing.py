@@ -28,15 +28,15 @@ Shape = Annotated[
     typer.Option("--robot", help="Robot description: a name, or a folder [the driver's].", autocompletion=robots),
 ]
 START_S = 900
-"""Wall time until the system answers, whose kernels may have to be compiled."""
+"""Longest wall time to wait until a started system answers, s; its kernels may have to be compiled."""
 KNOCK_S = 0.2
-"""Wall time between two looks whether a system answers."""
+"""Wall time between two checks of whether a system answers, s."""
 SSH_WORDS = 4
-"""Words of SSH_CONNECTION: address and port of the client, then of this machine."""
+"""Number of words in SSH_CONNECTION: address and port of the client, then of this machine."""
 
 
 class ShownSystem(NamedTuple):
-    """A system that is shown: its address, a client of it and its robot."""
+    """Running system shown in a browser: its address, a client connected to it, and its robot."""
 
     system: "RunningSystem"
     client: "Client"

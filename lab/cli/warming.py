@@ -32,13 +32,13 @@ from .progress import Progress
 
 DEFAULT_SYSTEM = "ragno"
 BROUGHT = PACKAGE / "kernels" / "brought.txt"
-"""Names of the jobs whose kernels came with a compiled wheel."""
+"""File with the names of the jobs whose kernels came with a compiled wheel, separated by white space."""
 ORDER = ("estimator", "stability", "walker", "footholds", "simulator")
-"""The longest first. What stability and the walker have in common is compiled once: one process takes both."""
+"""Services in order of compilation, the longest first; one process compiles stability and walker, which share code."""
 
 COSTS_S = {"estimator": 36.0, "stability": 61.0, "walker": 17.0, "footholds": 15.0, "simulator": 6.0, "navigator": 37.0}
 OTHER_S = 10.0
-"""Usual processor time of the compilation of a service's kernels on a slow core, and that of other services, s."""
+"""Processor time to compile the kernels of a service on a slow core, s: `OTHER_S`: for services not in `COSTS_S`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +48,11 @@ class Job:
     service: str
     robot: str
     rare: bool = False
-    """With the kernels that only rare queries need."""
+    """True: also compile kernels that only rare queries need; False: only those of regular operation."""
 
     @property
     def name(self) -> str:
-        """Name of the job, which is another for other sources, versions of numba and of Python, and processors."""
+        """Name of the job, unique for the sources, the versions of numba and Python, and the processor."""
         robot = hashlib.sha256(self.robot.encode()).hexdigest()[:12]
         return f"{signature()}-{self.service.replace(' ', '+')}-{robot}{'-rare' * self.rare}"
 
@@ -69,9 +69,9 @@ class Warmed:
     service: str
     robot: str
     kernels: int
-    """Functions that Python calls; each holds the code of all that it calls itself."""
+    """Number of compiled functions that Python calls; each holds the code of all functions that it calls itself."""
     compiled: int
-    """Functions that were not in the cache, with those that kernels and numba call."""
+    """Number of functions that were compiled as they were not in the cache, with those that kernels and numba call."""
     seconds: float
     files: dict[str, str] = field(default_factory=dict[str, str], repr=False)
     """Files that keep the kernels, each with the hash of the sources that it holds."""
@@ -129,18 +129,18 @@ def signature() -> str:
 
 
 def is_cold(jobs: Iterable[Job]) -> bool:
-    """Report whether kernels have to be compiled before these services start quickly."""
+    """Return True if kernels of any of the jobs still have to be compiled, False if all are in the cache."""
     brought = BROUGHT.read_text().split() if BROUGHT.exists() else ()
     return not all(any(each.name in brought or _holds(each.stamp) for each in _either(job)) for job in jobs)
 
 
 def _either(job: Job) -> tuple[Job, Job]:
-    """Return the job as it is and with rare kernels, which has all of the former."""
+    """Return the job itself, and its variant with rare kernels, which includes all kernels of the job."""
     return job, replace(job, rare=True)
 
 
 def _holds(stamp: Path) -> bool:
-    """Report whether a job was done and its kernels are still there, of the sources that they were compiled from.
+    """Return True if a job was done and its kernel files are still there and unchanged, else False.
 
     They may stand beside the sources, which can be removed, or be compiled again from others, while the stamp stays.
     """
@@ -154,7 +154,7 @@ def _holds(stamp: Path) -> bool:
 
 
 def _lines(stamp: Path) -> list[str] | None:
-    """Return the lines of a stamp, None if there is none that can be read."""
+    """Return the lines of a job's stamp file; None if the file is missing or cannot be read."""
     try:
         return stamp.read_text(errors="replace").splitlines()
     except OSError:
@@ -212,7 +212,7 @@ def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: Non
 
 
 def _mark(done: dict[Job, list[str]], notify: Callable[[str], None]) -> None:
-    """Note that jobs are done in this installation, with the files of their kernels."""
+    """Write the stamp files of finished jobs, with the paths and hashes of their kernel files."""
     try:
         for job, lines in done.items():
             job.stamp.parent.mkdir(parents=True, exist_ok=True)
@@ -222,7 +222,7 @@ def _mark(done: dict[Job, list[str]], notify: Callable[[str], None]) -> None:
 
 
 def _turns(jobs: Iterable[Job]) -> list[list[Job]]:
-    """Return the jobs in groups with no service twice."""
+    """Split jobs into groups in each of which no service occurs twice, and return the groups."""
     turns: list[list[Job]] = []
     for job in jobs:
         turn = next((turn for turn in turns if all(job.service != other.service for other in turn)), None)
@@ -270,7 +270,7 @@ def _cost_s(job: Job) -> float:
 
 
 class _Worker(NamedTuple):
-    """Process that compiles."""
+    """Worker process that compiles kernels of services."""
 
     pid: int
     ask: Callable[[Job], Warmed]

@@ -25,9 +25,9 @@ from .equations import BuildOptions, Index, errors_of, geometry, relative, resid
 from .sightings import Sightings
 
 OUTLIER = 9.21
-"""Squared residual of a detection that is left out in the end, chi^2_2(.99)."""
+"""Squared normalised residual from which on a detection is left out of the map: 99 % quantile of chi^2 with 2 dof."""
 LOOKED_AT = 25
-"""Poses whose covariance is computed."""
+"""Number of poses, evenly spread over the recording, whose covariance is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,33 +35,33 @@ class BuiltMap:
     """Landmark map that was built from a recording, with the residuals of its fit."""
 
     world: FloorLandmarks
-    """The landmarks, in the frame of the poses."""
+    """Landmarks of the map, positions in the frame of the poses (odom or map)."""
     seen: Index
     """Number of detections of each landmark, (n,)."""
     sd: Array
-    """Standard deviation of each place along one axis by its detections, for known poses, (n,) m."""
+    """Standard deviation of each landmark's position along one axis if the poses were exact, (n,) m."""
     poses: Array
     """Corrected poses of the frames, x, y (m) and heading (rad), (f, 3)."""
     shift: float
-    """Largest correction of a pose, m."""
+    """Largest distance by which the fit moved a pose, m."""
     drift: float
-    """Largest distance, one standard deviation, of a pose from where it is, the first one held, m. It grows with the
-    way until a floor is seen again, and takes the noise of all detections for independent."""
+    """Largest standard deviation of a pose's position, with the first pose held fixed, m. It grows with the path length
+    until a floor is seen again; the noise of detections is assumed to be independent."""
     range_rms: float
-    """Root mean square of the ranges' residuals, parts of the range."""
+    """Root mean square of the range residuals, as a share of the range."""
     bearing_rms: float
-    """Root mean square of the bearings' residuals, rad."""
+    """Root mean square of the bearing residuals, rad."""
     look_sd: float
-    """Noise of the descriptors, given or estimated."""
+    """Standard deviation of the noise of each number of a descriptor, given or estimated."""
     common: Array
-    """Errors that all detections share, one for each of b columns of `Sightings.bends`, the part by which all ways are
+    """Errors that all detections share, one for each of b columns of `Sightings.bends`, the part by which all paths are
     too long, and the s errors of the detections of each frame, (b + 1 + f s,)."""
     detections: int
-    """Detections in the recording."""
+    """Number of detections in the recording."""
     used: int
-    """Detections of the landmarks that were kept."""
+    """Number of detections of the landmarks that were kept."""
     dropped: int
-    """Landmarks seen too seldom."""
+    """Number of landmarks left out because they were detected fewer than `BuildOptions.least` times."""
 
 
 def build_map(seen: Sightings, options: BuildOptions | None = None, source: str = "") -> BuiltMap:
@@ -207,7 +207,7 @@ def _first_places(seen: Sightings, track: Index) -> Array:
 def _improve(
     seen: Sightings, track: Index, poses: Array, places: Array, common: Array, options: BuildOptions
 ) -> tuple[float, SuperLU]:  # fmt: skip
-    """Move poses (f, 3) m, rad, places (k, 2) m and common errors in place.
+    """Do one least-squares step: update poses (f, 3) m, rad, places (k, 2) m and common errors in place.
 
     Returns:
         Largest move of a place, m, and the factors of the normal matrix, whose inverse is the covariance.

@@ -17,10 +17,10 @@ from .sightings import Sightings
 
 Index = NDArray[np.int64]
 Entry = tuple[Index, Index, Array]
-"""Rows, columns and values of a part of the derivative, (n,) each."""
+"""Entries of a sparse block of the Jacobian: rows, columns and values, (n,) each."""
 
 HUBER = 2.0
-"""Standard deviations from which a residual counts linearly."""
+"""Length of a residual, in standard deviations, above which its cost grows linearly (Huber loss)."""
 
 
 @dataclass(frozen=True)
@@ -30,27 +30,27 @@ class BuildOptions:
     range_share: float = 0.03
     """Standard deviation of a range as a share of the range."""
     range_sd: float = 0.005
-    """Standard deviation of a range beside the share that grows with it, m."""
+    """Constant part of the standard deviation of a range, m; `range_share` adds the part that grows with the range."""
     bearing_sd: float = math.radians(1.5)
     """Standard deviation of a bearing, rad."""
     walk_share: float = 0.02
-    """Error of odometry, part of the way walked."""
+    """Standard deviation of odometry's position, as a share of the path length."""
     turn_share: float = 0.05
-    """Error of odometry's heading, part of the turn."""
+    """Standard deviation of odometry's heading, as a share of the turned angle."""
     turn_per_m: float = math.radians(1.0)
-    """Error of odometry's heading by the way walked, rad/m."""
+    """Standard deviation of odometry's heading per path length, rad/m."""
     still_m: float = 0.0005
-    """Error of odometry from frame to frame of a robot that stands, m."""
+    """Standard deviation of odometry's position from frame to frame while the robot stands, m."""
     still_rad: float = 0.0005
-    """Error of the heading from frame to frame of a robot that stands, rad."""
+    """Standard deviation of odometry's heading from frame to frame while the robot stands, rad."""
     look_sd: float | None = None
-    """Noise of each number of a descriptor; None = estimated from the recording."""
+    """Standard deviation of the noise of each number of a descriptor; None = estimate it from the recording."""
     least: int = 3
-    """Least number of detections of a landmark that is kept."""
+    """Least number of detections of a landmark; those detected fewer times are left out of the map."""
     rounds: int = 12
-    """Largest number of steps of least squares."""
+    """Largest number of iterations of the least-squares fit."""
     scale_sd: float = 0.0
-    """Standard deviation of a part by which all ways of odometry are too long, 0 = there is no such error."""
+    """Standard deviation of the relative scale error of odometry's path length; 0 = no such error is estimated."""
     bend_sds: tuple[float, ...] = ()
     """Standard deviations of the b errors that all detections share, one for each column of `Sightings.bends`."""
     sway_sds: tuple[float, ...] = ()
@@ -162,9 +162,9 @@ def _walked(
     Args:
         stated: poses by odometry, x, y (m), heading (rad), (f, 3).
         poses: as they are believed, (f, 3).
-        longer: part by which all ways of odometry are too long.
+        longer: share by which all path lengths by odometry are too long.
         options: noise.
-        scale: column of that part.
+        scale: column of this unknown in the Jacobian.
     """
     f = len(poses)
     before, odometry = _between(poses), _between(stated)

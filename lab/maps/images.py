@@ -32,13 +32,15 @@ from .tracks import often_seen, track
 from .turned import ALL, TILTS, FloorLook, camera_error, effects, set_right
 
 PER_M2 = 150.0
-"""Largest density of a map, features per m^2."""
+"""Largest density of features in a map, 1/m^2."""
 MOST_OF_IMAGE, MOST_OF_TILE = 250, 4000
-"""Features of an image and of a part of a photograph, at most."""
+"""Largest number of features: `MOST_OF_IMAGE`: of a camera image; `MOST_OF_TILE`: of one tile of a photograph."""
 AHEAD, SMALLEST = np.array([[0.75, 0.0], [0.75, 0.3]]), 1e-3
-"""Points of the floor and least way by which an error of the camera moves them that is taken off, m."""
+"""Camera correction: `AHEAD`: test points on the floor, heading axes of base_link, (2, 2) m; `SMALLEST`: displacement
+of them, m, above which the estimated error of the camera is corrected."""
 TILE, OVERLAP = 1000, 60
-"""Edge of a part of a photograph that is searched at once, and what two parts share, px."""
+"""Tiles of a photograph that are searched for features, px: `TILE`: edge of a tile; `OVERLAP`: width that two
+neighbouring tiles share."""
 
 
 def map_of(

@@ -26,13 +26,13 @@ DRIFT = BuildOptions(
     range_share=0.002, range_sd=0.003, bearing_sd=math.radians(0.35), still_m=0.0025, still_rad=0.003, look_sd=1e-3,
     scale_sd=0.03, bend_sds=LIKELY[:TILTS], sway_sds=(math.radians(0.2), math.radians(0.2)),
 )  # fmt: skip
-"""Noise of features of the floor in an image, of odometry from image to image, and of the tilt in one image, m and rad:
-those of a walking Nao."""
+"""Options of a fit to images of a walking Nao: noise of floor features, of odometry between images, and of the tilt in
+one image; distances in m, angles in rad."""
 DRIFT_FACTOR = 2.0
-"""Error of poses over what the fit states, which takes the noise of all features for independent: two walks by images
-alone, on parquet and carpet, have 1.9 and 1.6."""
+"""Ratio of the real error of poses to the standard deviation by the fit, which assumes independent noise: two walks
+by images alone, on parquet and carpet, have 1.9 and 1.6."""
 USED_PER_M2 = 150.0
-"""Features by which poses are improved, per m^2."""
+"""Density of the features that are used to improve poses, 1/m^2."""
 
 
 def sightings_of(looks: list[FloorLook], tracks: NDArray[np.int64], used: NDArray[np.bool_]) -> Sightings:

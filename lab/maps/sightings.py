@@ -16,12 +16,12 @@ from surefoot.schemas.topics import HW_LANDMARKS, STATE_ODOMETRY, STATE_POSE
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """Detections of a run with the poses they were made from; n frames, m detections."""
+    """Detections of landmarks in a run, with the poses of the robot at which they were made; n frames, m detections."""
 
     poses: Array
     """Pose of base_link, x, y in m and heading in rad (not wrapped), frame odom or map, (n, 3)."""
     frame: NDArray[np.int64]
-    """Frame of each detection, (m,)."""
+    """Index of the pose in `poses` at which each detection was made, (m,)."""
     ranges: Array
     """Distance of each detection from base_link along the floor, m, (m,)."""
     bearings: Array
@@ -29,7 +29,7 @@ class Sightings:
     looks: Array
     """Descriptor of each detection, k numbers, (m, k)."""
     source: str
-    """Key of the poses."""
+    """Key of the topic that the poses come from."""
     bends: Array = field(default_factory=lambda: np.zeros((0, 2, 0)))
     """Effect of k errors that all detections share on range, m, and bearing, rad, per unit of each error, (m, 2, k)."""
 

@@ -15,9 +15,9 @@ from surefoot.services.vision.feature_map import has_features
 from surefoot.services.vision.feature_map import load as load_features
 
 ALIKE = 0.15
-"""Part of the median distance of two descriptors from which on two landmarks look alike."""
+"""Descriptor distance, as a share of the median of all pairs, below which two landmarks count as too similar."""
 FEW = 5.0
-"""Least density, landmarks per m^2; with fewer a standing robot seldom sees enough to find its pose."""
+"""Density of landmarks, 1/m^2, below which a problem is reported: a standing robot seldom sees enough to localise."""
 
 
 @dataclass(frozen=True)

@@ -18,26 +18,26 @@ from .turned import FloorLook
 Index = NDArray[np.int64]
 
 SAME = 0.03
-"""Distance within which two sightings of a feature lie, beside what odometry drifts in between, m."""
+"""Distance, m, up to which a sighting matches a feature's place; the drift of odometry in between is added."""
 LOOK = 0.85
-"""Part of the largest distance of two looks within which a sighting belongs to a feature."""
+"""Descriptor distance, as a share of the kind's matching limit, up to which a sighting belongs to a feature."""
 PASSAGES = (0.3, 2.0)
-"""Ways without a sight of a feature after which it counts as lost and seen again, in the same passage and in a later
-one, m: a walking camera shows a point for less than 2 m."""
+"""Path lengths without a sighting, m, after which a feature counts as lost and seen again, in the same passage and in a
+later one: a walking camera shows a point for less than 2 m."""
 AGAIN = RecogniseParams(inlier=0.04)
-"""Limits of the one motion on which features that are seen again agree: a tilt of 1 deg moves them by 3 cm."""
+"""Limits of the rigid motion that features seen again must agree on: a tilt of 1 deg moves them by 3 cm."""
 LOOSE, FIRM = (6, 0.3), (12, 0.5)
-"""Features that agree on it, at least, as a number and as a part: in general, and where they may lie anywhere within
-more than `AMBIGUOUS`, so that a floor that repeats agrees on a wrong motion as well."""
+"""Least number and share of features that agree on a motion: `LOOSE`: in general; `FIRM`: if their slack is
+more than `AMBIGUOUS`, as a repeating floor then also agrees on a wrong motion."""
 AMBIGUOUS = 0.15
-"""Slack of a feature's place from which on a motion has to be firm, m."""
+"""Slack of a feature's place, m, above which a motion must satisfy `FIRM` instead of `LOOSE`."""
 RATIO, TURNED = 0.85, 0.3
-"""Look of the nearest over that of the second at most; turn of the motion against the heading of the pose, rad, at
-most."""
+"""`RATIO`: largest ratio of the descriptor distances of nearest and second match; `TURNED`: largest rotation of a
+motion against the heading of the pose, rad."""
 SEEN_BEFORE = 3
-"""Images that a feature was seen in before it can be seen again."""
+"""Least number of images in which a feature was seen before it can be recognised after a loss."""
 RECENT = 10
-"""Sightings whose mean is the place of a feature while poses drift."""
+"""Number of latest sightings whose mean is the place of a feature while poses drift."""
 
 
 @dataclass
@@ -46,21 +46,21 @@ class Tracks:
 
     kind: Kind
     positions: Array
-    """Places in the map, (n, 2) m: means of all sightings, of late ones where poses drift."""
+    """Positions of the features in the map, (n, 2) m: mean of all sightings, or of the latest where poses drift."""
     totals: Array
-    """Sums of the descriptors, bits of ORB each as a number, (n, k)."""
+    """Sum of the descriptors of each feature, with each bit of ORB as a number, (n, k)."""
     looks: NDArray[Any]
-    """Mean descriptor of each, (n, code): bytes by majority of bits for ORB, numbers of SIFT."""
+    """Mean descriptor of each feature, (n, code): bytes by majority of bits for ORB, numbers for SIFT."""
     count: Index
-    """Images that each was seen in, (n,)."""
+    """Number of images in which each feature was seen, (n,)."""
     last: Index
-    """Image that each was seen in last, (n,)."""
+    """Index of the image in which each feature was last seen, (n,)."""
     scatter: Array
-    """Sum of the squares of the distances from the mean, (n,) m^2."""
+    """Sum of the squared distances of each feature's sightings from their mean, (n,) m^2."""
 
     @staticmethod
     def none(kind: Kind) -> "Tracks":
-        """Return an empty set of tracks."""
+        """Return a set of zero tracks for descriptors of a kind."""
         zero, code = np.zeros(0, dtype=np.int64), nothing(kind).descriptors
         return Tracks(kind, np.zeros((0, 2)), numbers(kind, code), code, zero, zero, np.zeros(0))
 
@@ -173,16 +173,16 @@ def _of_one_motion(
     again: NDArray[np.bool_],
     wanted: tuple[int, float],
 ) -> Array:
-    """Return the distances of looks, infinite where a feature comes again without one motion that many agree on.
+    """Return descriptor distances, infinite for features seen again without a motion on which enough agree.
 
     Args:
-        apart: distances of the looks of n sightings and m near tracks, (n, m).
-        limit: largest distance of two looks of one feature.
+        apart: descriptor distances of n sightings and m near tracks, (n, m).
+        limit: largest distance of two descriptors of one feature.
         near: numbers of the tracks, (m,).
         look: of the sightings.
         found: all tracks.
         again: near tracks of one passage that were out of sight for long, (m,) bool.
-        wanted: number and part of the features that agree on the motion, at least.
+        wanted: least number and share of the features that agree on the motion.
 
     Returns:
         Distances, (n, m): bits of ORB, Euclidean of SIFT.

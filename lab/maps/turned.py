@@ -21,13 +21,14 @@ from surefoot.arrays import Array
 from surefoot.errors import InvalidField
 
 HEIGHT = 0.45
-"""Height of a camera over the floor where it is not stated, m."""
+"""Default height of a camera above the floor, m."""
 LIKELY = (*np.radians((3.0, 3.0, 1.0, 1.0, 3.0)), 0.02, 0.02)
-"""Standard deviations of p, q, f, g, s, rad, and of u, v, m, before anything was seen."""
+"""Prior standard deviations of the camera errors p, q, f, g, s, rad, and u, v, m, see the docstring of the module."""
 ALL, TILTS = 7, 4
-"""Number of the errors, and of those that a walk shows whose poses drift."""
+"""Number of camera errors that are estimated: `ALL`: with exact poses; `TILTS`: with poses that drift."""
 PLACE_SD, HUBER, ROUNDS = 0.01, 0.02, 5
-"""Noise of a sighting, m; residual from which on it counts less, m; solutions with weights of the one before."""
+"""`PLACE_SD`: standard deviation of a sighting, m; `HUBER`: residual, m, above which a sighting is weighted down;
+`ROUNDS`: number of reweighted least-squares iterations."""
 
 
 class FloorLook(NamedTuple):
@@ -36,11 +37,11 @@ class FloorLook(NamedTuple):
     pose: tuple[float, float, float]
     """Pose of base_link, x, y in m and heading in rad, frame map or odom."""
     places: Array
-    """Places of the features in heading axes of base_link, (n, 2) m."""
+    """Positions of the features on the floor, heading axes of base_link, (n, 2) m."""
     descriptors: NDArray[np.generic]
     """Descriptors of the features, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT."""
     camera: tuple[float, float, float] = (0.0, 0.0, HEIGHT)
-    """Place of the camera in heading axes of base_link, origin on the floor, m."""
+    """Position of the camera, heading axes of base_link, origin on the floor, m."""
 
 
 def tilts(places: Array, camera: tuple[float, float, float]) -> Array:
@@ -137,6 +138,6 @@ def _centred(values: Array, group: NDArray[np.int64], count: NDArray[np.int64]) 
 def set_right(looks: list[FloorLook], error: Array) -> list[FloorLook]:
     """Return the features of a walk as a camera without errors would place them, on a level floor.
 
-    `error`: pitch, roll, lean of the floor (2), turn aside, rad, and shift (2), m, (7,).
+    `error` (7,): camera pitch and roll, lean of the floor (2), yaw error, rad, and shift (2), m.
     """
     return [look._replace(places=look.places - effects(look) @ error) for look in looks]

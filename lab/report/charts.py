@@ -17,12 +17,12 @@ from .traces import VARIANTS, Traces
 
 COLOURS: dict[str, str] = dict(zip(VARIANTS, (PURPLE, ORANGE, GREEN, BLUE, RED), strict=True))
 PALE = "#8fc0ea"
-"""Colour of an estimate under the truth."""
+"""Colour of an estimated curve that is drawn underneath the curve of the truth, `#rrggbb`."""
 FEET_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, "#c2a100", "#008fa1", GREY, INK)
 BINS = 700
-"""Bins of a curve: of each the page gets the smallest and the largest value, so that no peak is lost."""
+"""Number of time bins of a curve; the page gets the smallest and the largest value of each, so that no peak is lost."""
 UNSURE = 1.0
-"""Standard deviation of a velocity from which no band is drawn, m/s."""
+"""Standard deviation of an estimated velocity, m/s, from which on its chart shows no uncertainty band."""
 
 Chart = dict[str, Any]
 
@@ -198,7 +198,7 @@ def _sliding(traces: Traces, feet: tuple[str, ...], limits: Mapping[str, float],
 
 
 def _consistency(traces: Traces) -> list[Chart]:
-    """Return the normalised squares of errors and innovations, each with the bounds that it should keep."""
+    """Return the charts of NEES and NIS over time, each with its 95 % bound for a consistent filter."""
     found: list[Chart] = []
     for test in consistency(traces):
         curve = _series(test.name, PURPLE, test.rows[:, 0], test.rows[:, 1], width=1.1)

@@ -17,9 +17,10 @@ from .traces import Traces
 NIS = "NIS of the velocity filter, a slide of each foot allowed for"
 """Title of the velocity filter's NIS; its covariance allows for slides, so feet that stand firmly stay far below 1."""
 BOUND = 0.95
-"""Share of a consistent filter's values below the bound."""
+"""Probability with which a normalised square (NEES or NIS) of a consistent filter lies below the bound in its chart."""
 OVERCONFIDENT, CAUTIOUS = 1.5, 0.5
-"""Mean over degrees of freedom above and below which a filter is called so; samples of a run are correlated."""
+"""Mean of the normalised squares over their degrees of freedom, limits: above `OVERCONFIDENT` and below `CAUTIOUS`
+a filter gets that verdict, in between it counts as consistent."""
 
 
 @dataclass(frozen=True)
@@ -43,24 +44,24 @@ class ConsistencyTest:
 
     @property
     def mean(self) -> float:
-        """Mean of the normalised squares over the degrees of freedom; 1 if the filter is consistent."""
+        """Mean of the normalised squares divided by the degrees of freedom; about 1 if the filter is consistent."""
         return float(self.rows[:, 1].mean() / self.dof)
 
     @property
     def verdict(self) -> str:
-        """`consistent`, `overconfident` (errors are larger than it claims) or `cautious`."""
+        """Verdict `overconfident` (errors larger than the covariance states), `cautious` (smaller) or `consistent`."""
         return "overconfident" if self.mean > OVERCONFIDENT else "cautious" if self.mean < CAUTIOUS else "consistent"
 
     @property
     def text(self) -> str:
-        """Verdict on the filter's consistency in one sentence."""
+        """Sentence on the filter's consistency, with its verdict and numbers."""
         over = 100.0 * float((self.rows[:, 1] > self.bound).mean())
         mean = f"mean per degree of freedom {self.mean:.2g} (1 is right)"
         return f"{self.verdict}: {mean}, {over:.0f} % above the 95 % bound"
 
 
 def consistency(traces: Traces) -> list[ConsistencyTest]:
-    """Return the tests that the traces have data for; those of errors need the truth."""
+    """Return the NEES and NIS tests that the traces have data for; those of errors need the truth."""
     found: list[ConsistencyTest] = []
     velocity, truth = traces.series("state/velocity"), traces.series("sim/truth")
     if len(velocity):

@@ -49,7 +49,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 PICTURES = (".png", ".svg", ".pdf")
-"""Endings of pictures that can be written."""
+"""File name endings of the picture formats that `save_picture` can write."""
 
 
 def page_figure(height: float) -> Figure:

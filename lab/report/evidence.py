@@ -16,27 +16,34 @@ from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS
 from .signals import Signals, spans
 
 GAP_PERIODS = 5.0
-"""Periods without a sample after which a sensor counts as absent."""
+"""Gap between two samples of a sensor, in periods of its topic, above which the sensor counts as absent."""
 FROZEN_S = 0.08
-"""Time of equal inertial samples, s; noise makes two equal ones unlikely, and a few impossible."""
+"""Least duration, s, of identical inertial samples in a row from which the inertial unit counts as frozen."""
 STUCK_S, MOVED = 0.4, 0.12
-"""Time for which an encoder stands still, s, and the change of its command meanwhile, rad."""
+"""Stuck encoder: `STUCK_S`: least time, s, for which its angle does not change; `MOVED`: change of the joint's
+command, rad, that must be exceeded in this time."""
 STILL_S, STILL_RAD = 1.0, 0.02
-"""Time in which no joint moves, s, and the largest way that is none, rad."""
+"""Lost commands: `STILL_S`: window, s, in which no joint moves; `STILL_RAD`: angle change in it, rad, below which a
+joint does not count as moving."""
 OFF_RAD, OFF_S = 0.25, 0.25
-"""Distance of a joint from its command, rad, and the time it lasts, s."""
+"""Servo fault: `OFF_RAD`: difference of joint angle and command, rad, above which the joint does not follow; `OFF_S`:
+least time, s, for which this lasts."""
 SLIDES_M, SLIDES_S = 0.003, 0.3
-"""Way of two feet at once, m, and the time in which they slide it, s."""
+"""Sliding feet: `SLIDES_M`: slide of a contact point, m, above which a foot counts as sliding; `SLIDES_S`: window, s,
+over which the slide is measured."""
 IN_TURN, IN_TURN_S = 3, 2.0
-"""Number of feet that slide one after another, and the time in which they do, s."""
+"""Low friction: `IN_TURN`: least number of feet that slide one after another; `IN_TURN_S`: window, s, in which all of
+them must have slid."""
 PUSH, PUSH_S = 5.0, 0.08
-"""Acceleration of the trunk that no step causes, m/s^2, and the time over which it is a mean, s."""
+"""`PUSH`: mean acceleration of the trunk, m/s^2, above which it counts as a push, as no step causes it; `PUSH_S`:
+window of this mean, s."""
 UNLOADED_N, LOADED = 0.02, 0.12
-"""Force of a foot in the air, N, and share of the weight on one that stands."""
+"""`UNLOADED_N`: contact force, N, below which a foot counts as in the air; `LOADED`: share of the robot's weight on one
+foot above which the foot counts as standing."""
 WRONG_SWITCH_S = 0.2
-"""Time for which a switch contradicts the force, s."""
+"""Least time, s, for which a foot switch contradicts the contact force before it counts as faulty."""
 ROOTS = ("service", "stop", "command", "imu", "joints", "contacts", "encoder", "servo", "switch", "push", "friction")
-"""Codes of causes; others are what follows from them."""
+"""Values of `Clue.code` that are causes of a failure, in order of precedence; all other codes are consequences."""
 
 
 @dataclass(frozen=True)
@@ -276,5 +283,5 @@ FINDERS = (services, stops, absent, frozen, followed, switches, pushes, sliding,
 
 
 def gather(s: Signals) -> list[Clue]:
-    """Return the clues of all functions on a recording, sorted by the time at which they begin."""
+    """Return the clues that all functions of this module find in a recording, sorted by begin."""
     return sorted((each for find in FINDERS for each in find(s)), key=lambda each: each.begin)

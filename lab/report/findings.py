@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 CONFIRMED, NOT_CONFIRMED, DEVIATION = "confirmed", "not confirmed", "known deviation"
-"""Verdicts on what the paper states."""
+"""Verdicts on a number that a paper states: within its limit, outside of it, outside of it for a known reason."""
 MET, MISSED = "ok", "FAILED"
-"""Verdicts on limits of this project, which the paper does not state."""
+"""Verdicts on a limit that this project sets and the paper does not state: kept, or not."""
 
 
 @dataclass(frozen=True)

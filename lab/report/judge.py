@@ -1,4 +1,4 @@
-"""Numbers of a run and the verdict on them, computed from the traces of the run without side effects."""
+"""Metrics of a run and the verdict on their limits, computed from the traces of the run without side effects."""
 
 import math
 from collections.abc import Mapping
@@ -17,13 +17,13 @@ DEG = math.degrees(1.0)
 
 @dataclass(frozen=True)
 class Metric:
-    """Description of a number of a run, as the report prints it.
+    """Description of a metric of a run, as the report prints it.
 
     Attributes:
-        title: what it is, for people.
-        unit: printed behind the value.
-        digits: decimals that are printed.
-        lasting: True if a miss of its limit lasts, whatever the rest of the run brings, as that of an extreme does.
+        title: name of the quantity in the report.
+        unit: unit printed after the value; empty = no unit.
+        digits: number of printed decimals.
+        lasting: True if a missed limit stays missed whatever follows in the run, as of an extreme; False otherwise.
     """
 
     title: str
@@ -56,11 +56,11 @@ METRICS: Mapping[str, Metric] = {
     "ticks": Metric("control ticks", "", 0),
     "real_time_factor": Metric("real-time factor", "x", 1),
 }
-"""Every number of a run, in the order of the verdict table."""
+"""Description of every metric of a run by its key, in the order of the verdict table."""
 
 
 SIBLINGS = {"min_margin_measured_m": "min_margin_m"}
-"""Metrics without a limit of their own, each with the one whose limit it is compared with."""
+"""Metrics without a limit of their own; each maps to the metric (of `METRICS`) whose limit is applied to it."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,9 @@ class Row:
     Attributes:
         name: key of `METRICS`.
         value: None when the run has no data on it.
-        limits: (side, limit) pairs the value was held against.
-        ok: None without a limit, and where a recording lacks the value; a live run that lacks it misses the limit.
+        limits: (side, limit) pairs that the value was compared with.
+        ok: True if all limits are met, False if one is missed or a live run lacks the value; None without a limit, or
+            if a recording lacks the value.
     """
 
     name: str
@@ -97,15 +98,15 @@ class Row:
 
 @dataclass(frozen=True)
 class RunVerdict:
-    """Verdict on a run: its numbers against their limits, and what else went wrong.
+    """Verdict on a run: its metrics compared with their limits, and other problems.
 
     Attributes:
         rows: one per metric.
-        problems: what went wrong besides the numbers: a service that died, a refused command, ...
+        problems: failures besides missed limits, in words: a service that died, a refused command, ...
         message_hash: hash of all deterministic messages, empty when unknown.
         comparable: False after a time-out, a restart or a degraded tick: the hash means nothing then.
-        watched: False for a recording, which does not hold all problems of its run.
-        partly: True where only a part of a recording can be read.
+        watched: True if all problems of the run are known, False for a recording, which does not hold all of them.
+        partly: True if only a part of a recording can be read, False if all of it was.
     """
 
     rows: tuple[Row, ...]
@@ -186,13 +187,13 @@ def judge(
 
 
 def _without_data(rows: list[Row]) -> list[str]:
-    """Return a sentence on the limits of which a recording holds no data; nothing where it holds all."""
+    """Return a sentence on the limits for which a recording holds no data; an empty list if it holds all."""
     titles = [METRICS[row.name].title for row in rows if row.limits and row.value is None]
     return [f"the recording holds no data on: {', '.join(titles)}"] if titles else []
 
 
 def _below_siblings(rows: list[Row]) -> list[str]:
-    """Return a sentence on each value without a limit that would not meet the limit of its sibling."""
+    """Return a sentence on each metric without a limit that would miss the limit of its sibling in `SIBLINGS`."""
     by_name, found = {row.name: row for row in rows}, list[str]()
     for name, sibling in SIBLINGS.items():
         row, other = by_name[name], by_name[sibling]
@@ -311,7 +312,7 @@ def since_ready(rows: Array, gait: Array) -> Array:
 
 
 def distance(truth: Array) -> float:
-    """Return the way from start to end along the first heading, m.
+    """Return the displacement from start to end along the initial heading, m.
 
     `truth`: a row per message, (n, 12): time s, position m and velocity m/s (3 each), yaw rad, and others.
     """
@@ -369,7 +370,7 @@ def odometry_error(truth: Array, odometry: Array) -> Array:
 
 
 def variants(traces: Traces) -> dict[str, float]:
-    """Return the RMS velocity error of each estimator that was recorded, m/s, best first."""
+    """Return the RMS velocity error of each recorded velocity estimator, m/s, by name, best first."""
     truth = traces.series("sim/truth")
     found: dict[str, float] = {}
     for name in VARIANTS:

@@ -10,7 +10,7 @@ from .traces import Traces
 
 @dataclass(frozen=True)
 class Moment:
-    """Worst moment of a run in one plot: time (s), value in the unit of the plot, and a text for the reader."""
+    """Worst moment of a run in one plot: time, s, value in the unit of the plot, and a description."""
 
     plot: str
     time: float
@@ -19,7 +19,7 @@ class Moment:
 
 
 def moments(traces: Traces, feet: tuple[str, ...]) -> tuple[Moment, ...]:
-    """Return the worst moments of a run, in the order of time."""
+    """Return the worst moments of a run by margin, slip, tilt, velocity error and fall, in the order of time."""
     found: list[Moment] = []
     truth = traces.series("sim/truth")
     if len(truth):

@@ -21,7 +21,7 @@ MOST_EVENTS = 200
 
 @dataclass(frozen=True)
 class About:
-    """Facts on a run that the report shows besides its numbers.
+    """Facts on a run that its report shows besides the metrics.
 
     Attributes:
         scenario: name of the scenario.
@@ -45,7 +45,7 @@ class About:
 
 
 def write_report(path: Path, about: About, traces: Traces, verdict: RunVerdict, film: Film | None = None) -> Path:
-    """Write the report and return its path; with a film it has a replay."""
+    """Write the HTML report of a run and return its path; with a film it includes a replay."""
     path.parent.mkdir(parents=True, exist_ok=True)
     text = render(about, traces, verdict, film)
     with whole(path) as part:

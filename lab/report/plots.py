@@ -18,7 +18,7 @@ from .traces import Traces
 
 @dataclass(frozen=True)
 class Timing:
-    """Time a service spent in a tick: median and 99th percentile, us."""
+    """Computing time of a service per control tick: median and 99th percentile, us."""
 
     p50_us: float
     p99_us: float
@@ -56,7 +56,7 @@ def _legend(axes: Axes) -> None:
 
 
 def _top_view(traces: Traces) -> Figure:
-    """Top view of truth, odometry and footfalls over the map the robot was given."""
+    """Return a top view of true path, odometry and footfalls over the elevation map that the robot was given."""
     figure, axes = _figure(3.4)
     truth = thinned(traces.series("sim/truth"))
     x0, x1 = truth[:, 1].min() - 0.35, truth[:, 1].max() + 0.35
@@ -94,7 +94,7 @@ def _top_view(traces: Traces) -> Figure:
 
 
 def _own_way(traces: Traces) -> Figure:
-    """Top view of the odometry and of the stances by the robot's own measurements, where no truth is known."""
+    """Return a top view of odometry and stances by the robot's own measurements, for runs without truth."""
     figure, axes = _figure(3.4)
     odometry = traces.series("state/odometry")
     way = thinned(odometry[odometry[:, 7] > 0.5])
@@ -108,7 +108,7 @@ def _own_way(traces: Traces) -> Figure:
 
 
 def _placed(traces: Traces) -> Array:
-    """Return the odometry's way in the world, (n, 2): start and first heading as in truth."""
+    """Return the path by odometry in the world, (n, 2) m, aligned with the truth's start and initial heading."""
     odometry, truth = traces.series("state/odometry"), traces.series("sim/truth")
     if not len(odometry):
         return np.empty((0, 2))
@@ -122,7 +122,7 @@ def _placed(traces: Traces) -> Array:
 
 
 def _profile(traces: Traces) -> Figure:
-    """Side view: ground under the trunk, trunk and centre of mass."""
+    """Return a side view of the true path: heights of ground, trunk and centre of mass over x in the world."""
     figure, axes = _figure()
     truth = thinned(traces.series("sim/truth"))
     if traces.ground is not None:

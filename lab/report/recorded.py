@@ -18,7 +18,8 @@ from .traces import KEYS, read_traces
 from .why import explain
 
 READ, EXPLAINED, FILMED = 0.3, 0.5, 0.8
-"""Shares of the work after its steps; the last one writes the page."""
+"""Progress of a report, shares of the whole: `READ`: recording read; `EXPLAINED`: failure explained; `FILMED`: replay
+made, only the page is still to be written."""
 UNFINISHED = "the run lasted until max_duration_s: its steps may be unfinished"
 
 

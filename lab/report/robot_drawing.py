@@ -21,9 +21,9 @@ from surefoot.services.simulator.sensors.landmarks import camera_pose, read_came
 from .drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE, save_picture
 
 AXES = (RED, GREEN, BLUE)
-"""Colours of x, y and z of every frame."""
+"""Colours of the x, y and z arrow of every drawn frame."""
 ARROW = 0.16
-"""Length of the arrows of a frame, share of the robot's largest extent."""
+"""Length of the axis arrows of a drawn frame, as a share of the robot's largest extent."""
 DPI = 110
 UP = np.array([0.0, 0.0, 1.0])
 

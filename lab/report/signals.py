@@ -22,28 +22,29 @@ READ = (
 )  # fmt: skip
 
 NEEDED = {"hw/imu": {"gyro", "acc"}, "hw/joints": {"position"}, "hw/contacts": {"touch"}}
-"""Fields without which a message is none; others may be missing, as in recordings of other versions."""
+"""Fields by message key without which a recorded message is skipped; all other fields may be missing."""
 CLOCKS = ("hw/tick", "sim/truth", "hw/imu")
-"""Keys with a message each control tick."""
+"""Keys of topics with one message in each control tick, which serve as clocks of a recording."""
 JUMP_S, BACK_S = 60.0, 0.05
-"""Time between two messages of a clock that counts as a jump, forward and back, s."""
+"""Clock jumps: `JUMP_S`: step between two messages of a clock, s, above which it jumps forward; `BACK_S`: step back, s,
+above which it jumps back."""
 
 
 @dataclass
 class Signals:
-    """Messages of a run by key, as decoded JSON, in the order of their stamps."""
+    """Messages of a recorded run by topic key, as decoded JSON objects, in the order of their stamps."""
 
     rows: dict[str, list[dict[str, Any]]] = field(default_factory=lambda: defaultdict(list))
     joints: tuple[str, ...] = ()
-    """Names of the joints, where the robot is known."""
+    """Joint names of the recorded robot in message order; empty = the robot is unknown."""
     feet: tuple[str, ...] = ()
-    """Names of the legs, where the robot is known."""
+    """Leg names of the recorded robot in message order; empty = the robot is unknown."""
     damage: str = ""
-    """Why not all of the recording can be read; empty = it is whole."""
+    """Reason why a part of the recording cannot be read, in words; empty = all of it can be read."""
     jumps: str = ""
-    """Where its clocks go back, or forward by more than `JUMP_S`; empty = nowhere."""
+    """Clock jumps of the recording in words: back, or forward by more than `JUMP_S`; empty = none."""
     version: str = ""
-    """Version of surefoot that recorded it, where it is another than this one; else empty."""
+    """Version of surefoot that made the recording, where it differs from the running version; else empty."""
 
     def joint(self, index: int) -> str:
         """Return the name of a joint, or `joint <index>` where the robot is unknown."""
@@ -74,7 +75,7 @@ class Signals:
 
     @property
     def end(self) -> float:
-        """Time of the last control tick, s."""
+        """Simulated time of the last control tick of the recording, s."""
         return max((float(self.times(key).max()) for key in CLOCKS if self.rows[key]), default=0.0)
 
 
@@ -130,7 +131,7 @@ def _names(recording: ReadableRecording) -> tuple[tuple[str, ...], tuple[str, ..
 
 
 def _jumps(s: Signals) -> str:
-    """Return the first jump of the ticks, or else of the stamps, of each clock that has one."""
+    """Return a sentence on the first jump of ticks, else of stamps, of each clock in `CLOCKS`; empty = none."""
     found: list[str] = []
     for key in CLOCKS:
         for times in (s.times(key), 1e-9 * s.column(key, "stamp_ns")) if s.rows[key] else ():

@@ -30,12 +30,12 @@ KEYS = (
     "hw/image",
     "state/landmarks",
 )
-"""Keys with data on a run; others are ignored."""
+"""Topic keys whose messages are collected as time series of a run; messages of other keys are ignored."""
 
 
 @dataclass(frozen=True)
 class StanceTrace:
-    """One finished stance of one foot: when it ended (s), which foot, way its contact point slid (m), where (m)."""
+    """One finished stance of one foot: end time (s), foot index, slide of its contact point (m), place (m)."""
 
     time: float
     foot: int
@@ -47,7 +47,7 @@ class StanceTrace:
 
 @dataclass(frozen=True)
 class Mark:
-    """Something worth a mark in the report: when (s) and what, in words."""
+    """Event marked in the report of a run: time, s, and description in words."""
 
     time: float
     text: str
@@ -55,7 +55,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class DecisionTrace:
-    """A decision of the navigator: when (s), the action, why, and the value of each action that was allowed.
+    """Decision of the navigator: time (s), action, reason, and value of each allowed action.
 
     Features of the decision: distance (m) and bearing (rad) of the goal, and entropy of the believed pose (nats).
     """
@@ -87,20 +87,20 @@ class Traces:
 
     epoch: int = -1
     rows: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
-    """Per key one row of numbers a message; first the simulated time in s."""
+    """One row of numbers per message, by topic key; the first column is the simulated time, s."""
     stances: list[StanceTrace] = field(default_factory=list)
     events: list[Mark] = field(default_factory=list)
     choices: list[DecisionTrace] = field(default_factory=list)
     goals: list[GoalEnd] = field(default_factory=list)
     sights: SightKeeper = field(default_factory=SightKeeper)
     ground: tuple[Array, float, tuple[float, float]] | None = None
-    """Heights (ny, nx) m, cell m, centre of cell [0, 0] (x, y) m of the map that the robot was given."""
+    """Elevation map given to the robot, m: heights (ny, nx), cell size, centre (x, y) of cell [0, 0]; None = no map."""
     fallen_at: float | None = None
     touches: int | None = None
-    """Times that the robot began to touch an obstacle of the world; None = it has none."""
+    """Number of times at which the robot began to touch an obstacle; None = the world has no obstacles."""
     last_tick: int = -1
     refused: bool = False
-    """Some messages could not be read."""
+    """True if some messages could not be decoded and are missing here, False if all were."""
     _finished: tuple[int, ...] = ()
     _gait: tuple[str, str] = ("", "")
     _touching: bool = False
@@ -145,7 +145,7 @@ class Traces:
         return time
 
     def _truth(self, key: str, m: Any) -> None:
-        """Columns: time, position 3 (world), velocity 3 (base_link axes), yaw, tilt, CoM 3 (world)."""
+        """Add a row: time s, position m (3, world), velocity m/s (3, base_link), yaw, tilt rad, CoM m (3, world)."""
         rot_world_from_base = matrix_from_quat(np.array(m.quat_wxyz))
         velocity = product(rot_world_from_base.T, np.array(m.velocity))
         yaw = math.atan2(rot_world_from_base[1, 0], rot_world_from_base[0, 0])
@@ -166,12 +166,12 @@ class Traces:
         self._finished = tuple(m.stances)
 
     def _velocity(self, key: str, m: Any) -> None:
-        """Columns: time, velocity 3 (base_link axes), initialised, standard deviations of the velocity 3, NIS."""
+        """Add a row: time s, velocity m/s (3, base_link axes), initialised, its standard deviations m/s (3), NIS."""
         variance = np.maximum(np.array(m.covariance).reshape(6, 6).diagonal()[3:], 0.0)
         self._row(key, m, *m.velocity, float(m.initialised), *np.sqrt(variance), np.nan if m.nis is None else m.nis)
 
     def _odometry(self, key: str, m: Any) -> None:
-        """Columns: time, position 3 (odom), yaw, standard deviations of x and y, initialised."""
+        """Add a row: time s, position m (3, odom), yaw rad, standard deviations of x and y m, 1 = initialised."""
         variance = np.maximum(np.array(m.covariance).reshape(4, 4).diagonal(), 0.0)
         time = self._row(key, m, *m.position, m.yaw, *np.sqrt(variance[:2]), float(m.initialised))
         if "state/landmarks" in self.rows:
@@ -196,7 +196,7 @@ class Traces:
         self._row(key, m, planned, measured)
 
     def _pose(self, key: str, m: Any) -> None:
-        """Add a row: time, x, y, yaw (map), covariance 9 of them, entropy, drift, its sd, matched, lost probability."""
+        """Add a row: time s, x, y m, yaw rad (map), covariance (9), entropy nats, drift, its sd, matched, P(lost)."""
         lost = m.lost_probability
         time = self._row(key, m, *m.pose, *m.covariance, m.entropy, m.drift, m.drift_sd, m.matched, lost)
         self.sights.believed(m)
@@ -224,7 +224,7 @@ class Traces:
         self.sights.image(m)
 
     def _landmarks(self, key: str, m: Any) -> None:
-        """Columns: time, features, those with a candidate, recognised; of new images only."""
+        """Add a row for a new image: time s, counts of features, of those with a candidate, and of those recognised."""
         if m.fresh:
             self._row(key, m, m.features, m.compared, m.recognised)
             self.sights.landmarks(m, self.choices[-1].action if self.choices else "")
@@ -249,15 +249,15 @@ _READERS = {
 
 
 class KeptMessage(Protocol):
-    """A message as it came from the bus or from a recording."""
+    """Encoded message as received from the bus or read from a recording."""
 
     @property
     def key(self) -> str:
-        """Key of the message's topic."""
+        """Key of the topic of the kept message."""
         ...
 
     def message(self) -> Any:
-        """Decode the message from its bytes (raises Refusal)."""
+        """Decoded message (raises Refusal if its bytes are invalid)."""
         ...
 
 

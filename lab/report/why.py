@@ -12,18 +12,18 @@ from .signals import Signals, read_signals, spans
 
 TILTED = math.radians(45.0)
 SLIPPED_M = 0.008
-"""Way of a foot in one stance that counts as a slip, m."""
+"""Slide of a contact point within one stance, m, above which the stance counts as a slip."""
 LOOKED_FOR = (
     f"no fall, stop, halt, missed goal, slip over {1e3 * SLIPPED_M:.0f} mm, stance without support or abandoned walk"
 )
 ON_THE_WAY = ("walking", "turning", "stopping", "recovering")
-"""States of a walk that has begun."""
+"""Walker states in `state/gait` in which a walk has begun and is not over."""
 BEFORE_S = 4.0
-"""Time before the end at which a cause may have ended and still be one, s."""
+"""Longest time, s, between the end of a cause and the failure of the run; events that ended earlier are no causes."""
 TOGETHER_S = 0.25
-"""Longest time between the begin of a cause and that of its effect, s."""
+"""Time between the begins of two events, s, up to which they count as simultaneous: a cause and its direct effect."""
 SEVERAL = 3
-"""Number of joints that a push, but no fault of a servo, takes off their commands together."""
+"""Least number of joints that leave their commands together from which a push is the cause, not a servo fault."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class Explanation:
     Attributes:
         outcome: what went wrong; None: nothing did.
         cause: first cause; None: nothing went wrong, or none was found.
-        chain: evidence between both, in the order of time, without them.
-        damage: why not all of the recording can be read; empty = it is whole.
-        jumps: where its clock jumps; empty = nowhere.
-        version: that of surefoot which made the recording, where it differs from this one; else empty.
+        chain: evidence from cause to outcome, in order of time, without these two.
+        damage: reason why a part of the recording cannot be read; empty = all of it can be read.
+        jumps: clock jumps of the recording in words; empty = none.
+        version: version of surefoot that made the recording, if it differs from the running version; else empty.
     """
 
     outcome: Clue | None
@@ -98,7 +98,7 @@ def _pulled(seen: list[Clue]) -> list[Clue]:
 
 
 def _once(chain: tuple[Clue, ...]) -> tuple[Clue, ...]:
-    """Return the first clue of each kind in a chain."""
+    """Return a chain of clues with only the first clue of each code."""
     kinds: dict[str, Clue] = {}
     for each in chain:
         kinds.setdefault(each.code, each)
@@ -176,7 +176,7 @@ def _unsupported(s: Signals) -> Clue | None:
 
 
 def _abandoned(s: Signals) -> Clue | None:
-    """Find a walk that the walker itself ended before its end, as of a robot that leans too far."""
+    """Find a walk that the walker abandoned (state `refused`), for example because the robot leans too far."""
     before = ""
     for time, row in zip(s.times("state/gait").tolist(), s.rows["state/gait"], strict=True):
         state = row.get("state", "")

@@ -13,9 +13,9 @@ from surefoot.arrays import Array
 from surefoot.robot.description import RobotError
 
 FOOT_NAMES = re.compile(r"foot|feet|toe|sole|_ee|contact|ankle", re.IGNORECASE)
-"""Names of bodies, geoms and sites that are feet."""
+"""Pattern that the names of bodies, geoms and sites of feet contain."""
 SAME_M = 1e-4
-"""Distance below which two spheres of a foot are one, m."""
+"""Distance between two spheres of a foot, m, up to which they count as one."""
 ASSUMED_RADIUS = 0.02  # m, of a foot without a sphere: that of a dog-sized robot
 NO_MASS = 1e-9  # kg, what weighs less is nothing
 
@@ -183,7 +183,7 @@ def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array)
 
 
 class _TouchPoint(NamedTuple):
-    """A point at which a limb may touch the ground."""
+    """Point at which a limb may touch the ground, as found in the compiled file."""
 
     rank: int  # smaller is likelier a foot
     radius: float  # m
@@ -217,7 +217,7 @@ def _ends(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> list[
 
 
 def _sole(marks: list[FileMark], model: mujoco.MjModel, data: mujoco.MjData) -> list[FileMark]:
-    """Return the spheres without those that lie where another one does: one to see and one to touch."""
+    """Return the spheres of a sole, only one of those within `SAME_M` m: files have one to see and one to touch."""
     kept: list[FileMark] = []
     for mark in marks:
         if all(np.linalg.norm(mark.place(model, data) - other.place(model, data)) > SAME_M for other in kept):

@@ -24,9 +24,9 @@ from .notes import FILE, SOURCE, ImportNotes, read_notes, read_text
 from .source import BALANCED, compiled, is_urdf
 
 POSTURES = 20
-"""Number of seeded postures at which a robot is compared."""
+"""Number of random postures, from a fixed seed, at which two descriptions of a robot are compared."""
 MOST_DIFFERENCE = 1e-9
-"""Largest allowed difference, in the SI unit of each quantity: rounding is below 1e-12."""
+"""Largest allowed difference between two descriptions of a robot, SI unit of each quantity; rounding is below 1e-12."""
 WITNESS = "pinocchio"
 
 
@@ -95,7 +95,7 @@ def checked(folder: Path) -> dict[str, dict[str, float]]:
 
 
 def _read(folder: Path) -> tuple[Robot, ImportNotes, str]:
-    """Return robot, notes and XML of a folder, which belong together.
+    """Return robot description, import notes and source XML of a robot folder, checked to belong together.
 
     Raises:
         RobotError: one cannot be used, or the notes name a leg or joint that the robot does not have.

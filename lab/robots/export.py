@@ -8,7 +8,7 @@ from surefoot.disk import whole
 from surefoot.robot.description import Link, Robot
 
 ROOT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""Position (m) and quaternion w x y z of the trunk in the keyframe."""
+"""Pose of the trunk in the exported keyframe: position (3) m, then quaternion w x y z, world."""
 
 
 def mjcf_of(robot: Robot) -> str:
@@ -74,7 +74,7 @@ def _trunk(body: Element, robot: Robot) -> None:
 
 
 def _motors(top: Element, robot: Robot) -> None:
-    """Add a position servo for each joint, and what one motor couples."""
+    """Add to the MJCF a position servo for each joint, and an equality constraint for joints that share a motor."""
     motors, equal = SubElement(top, "actuator"), Element("equality")
     for i, link in enumerate(robot.links):
         if link.joint < 0:

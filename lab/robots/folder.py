@@ -1,4 +1,4 @@
-"""Folder of an imported robot."""
+"""Import of a robot file into a folder with its description, source and notes."""
 
 import json
 import shutil

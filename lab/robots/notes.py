@@ -10,12 +10,12 @@ from surefoot.robot.description import RobotError
 from surefoot.tables import FileModel, Text, Vector, Whole, validated
 
 FILE, SOURCE = "import.json", "source.xml"
-"""Names of the notes and of the robot's XML in the folder of an imported robot."""
+"""File names in the folder of an imported robot: `FILE`: notes of the import; `SOURCE`: XML of the robot."""
 Mark = tuple[Literal["body", "site", "geom"], Annotated[Whole, Field(ge=0)], Annotated[Whole, Field(ge=-1, le=1)]]
 
 
 class FootNote(FileModel):
-    """A foot in the file: its body, the points of the compiled file that it is made of, m from the joint's body."""
+    """Foot in the imported file: its body and the points that form it, m, relative to the joint's body."""
 
     body: Text
     centre: Annotated[Mark, Field(strict=False)] | None

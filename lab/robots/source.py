@@ -16,24 +16,24 @@ from surefoot.robot.description import RobotError
 from surefoot.tables import shown
 
 MOST_BYTES = 16 * 1024 * 1024
-"""Size of the largest file that is read: a robot with many geoms has 1 MB."""
+"""Largest size of a robot file that is read, bytes; larger files are refused, a robot with many geoms has 1 MB."""
 MOST_ELEMENTS, MOST_DEPTH = 50_000, 200
-"""Number and depth of the elements of a robot: the largest public ones have 2,000, 30 deep."""
+"""Largest number and nesting depth of XML elements of a robot; the largest public robots have 2,000, 30 deep."""
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SMALLEST_INERTIA = 1e-12
-"""Inertia given to a link that has none, kg m^2: MuJoCo refuses zero, a real link has a million times more."""
+"""Inertia given to a link without one, kg m^2, as MuJoCo refuses zero; a real link has a million times more."""
 BALANCED = "inertias that break the triangle inequality"
 """Beginning of the note on inertias that MuJoCo has replaced."""
 MOST_INCLUDES = 50
-"""Number of files that one robot may be made of."""
+"""Largest number of files that one robot may include."""
 FULL_TURN = 2.0 * math.pi
-"""Limit of a joint in place of an infinite one, rad."""
+"""Joint limit that replaces an infinite one, rad."""
 NAN = re.compile(r"nan(\(\w*\))?", re.IGNORECASE)
-"""NaN as MuJoCo reads it."""
+"""Pattern of texts that MuJoCo reads as NaN."""
 NAMING = ("name", "class", "model")
-"""Attributes that give a name."""
+"""XML attributes whose values are names."""
 NAMES = re.compile(r"[\w .:/-]{1,120}")
-"""Allowed names of bodies, joints and sites."""
+"""Pattern that the names of bodies, joints and sites must match in full."""
 
 
 def read_source(path: Path, notes: list[str] | None = None) -> str:
@@ -116,7 +116,7 @@ def _check_numbers(element: ElementTree.Element, names: set[str | None]) -> None
 
 
 def _odd_number(value: str) -> float:
-    """Return NaN or infinity if it is in a list of numbers, else 0."""
+    """Return the NaN or infinity that a text of numbers, separated by white space, holds, else 0."""
     try:
         numbers = [float(NAN.sub("nan", word)) for word in value.split()]
     except ValueError:  # no list of numbers
@@ -131,7 +131,7 @@ def check_name(name: str, field: str) -> None:
 
 
 def is_urdf(text: str) -> bool:
-    """Return whether a robot's text is a URDF; else it is an MJCF."""
+    """Return True if a robot's XML text is a URDF, False if it is an MJCF."""
     return ElementTree.fromstring(text).tag == "robot"
 
 
@@ -173,7 +173,7 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
 
 
 def _finite(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return the model with finite limits of joints; refuse other numbers that are not (raises RobotError)."""
+    """Return the model with infinite joint limits replaced; raise RobotError for other numbers that are not finite."""
     np.nan_to_num(model.jnt_range, copy=False, nan=math.nan, posinf=FULL_TURN, neginf=-FULL_TURN)
     bodies = ("mass", "inertia", "pos", "quat", "ipos", "iquat")
     for name in (*(f"body_{each}" for each in bodies), "jnt_pos", "jnt_axis", "jnt_range", "geom_pos", "site_pos"):
@@ -202,7 +202,7 @@ def _parse(path: Path) -> ElementTree.Element:
 
 
 def _check_size(root: ElementTree.Element) -> None:
-    """Refuse more elements, or deeper ones, than a robot has (raises RobotError)."""
+    """Raise RobotError if the XML has more than `MOST_ELEMENTS` elements, or any nested deeper than `MOST_DEPTH`."""
     level, depth, count = [root], 0, 0
     while level:
         depth, count = depth + 1, count + len(level)
@@ -217,7 +217,7 @@ def _include(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementTre
 
 
 def _without_meshes(root: ElementTree.Element) -> None:
-    """Remove what refers to files of pictures and meshes; refuse a path that leaves the folder."""
+    """Remove visuals, textures and collision meshes; raise RobotError for a path that leaves the robot's folder."""
     for element in root.iter():
         name = element.get("file") or (element.get("filename") if element.tag == "mesh" else None) or ""
         if ".." in name.split("/"):

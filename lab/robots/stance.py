@@ -14,39 +14,43 @@ from surefoot.robot.kinematics import foot_positions, forward
 from .anatomy import SAME_M
 
 LEG_JOINTS = 3
-"""Least number of joints of a leg that can set its foot anywhere in its reach."""
+"""Least number of joints with which a leg can place its foot anywhere in its reach."""
 EXTENSION = 0.72
-"""Distance of a foot from the leg's second joint in a posture made here, share of the leg's length."""
+"""Distance of a foot from its leg's second joint in a generated neutral posture, as a share of the leg's length."""
 BENT = (0.45, 0.93)
-"""Range of that share in which a posture of the file is taken: legs that can become longer and shorter."""
+"""Range of the distance of foot and second joint, share of the leg's length, in which a posture of the file is used."""
 CHOSEN, UPRIGHT = 0.3, 0.97
-"""Least share of that distance which is vertical, in a posture of the file and in the middle of the limits."""
+"""Least vertical share of the distance of foot and second joint: `CHOSEN`: in a posture of the file; `UPRIGHT`: at the
+middle of the joint limits."""
 ONE_SIDE, LEAST_DOWN, ALONG = 0.8, 0.3, 0.9
-"""Length of the mean direction from hip to foot that shows where down is, its least share along -z, and the share of an
-axis along x, y or z from which it has that direction."""
+"""`ONE_SIDE`: length of the mean unit vector from second joint to foot above which it shows where down is;
+`LEAST_DOWN`: its least share along -z; `ALONG`: share of a joint axis along x, y or z above which it counts as having
+that direction."""
 TRIES = 64
-"""Random postures from which a leg's posture is searched."""
+"""Number of random start postures of the search for a leg's posture."""
 MOST_TORQUE = 4.0
-"""Torque that the weight has at the length of a leg, times this: more is a number put in place of an unknown one."""
+"""Largest plausible servo torque, in multiples of the weight's torque on a leg; larger values are placeholders."""
 SIZE_M, PERIOD_S, LEAN_S = 0.42, 1.0, 0.4
-"""Leg length of Lupo with the durations of its steps: times grow with the square root of the length."""
+"""Leg length, m, gait period, s, and duration of the lean before a step, s, of the robot Lupo; durations scale with the
+square root of the leg length."""
 STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
-"""Way of the trunk in a cycle, its limit and the step height, shares of the leg's length."""
+"""Shares of the leg's length: `STRIDE`: path of the trunk per gait cycle; `MOST_STRIDE`: limit of this; `CLEARANCE`:
+step height."""
 SPRAWLED_STRIDE = 0.22
-"""Way of the trunk in a cycle of a robot with six legs, share of the leg's length."""
+"""Path of the trunk per gait cycle of a robot with six legs, as a share of the leg's length."""
 LEAN_SHARE = 0.55
-"""Margin before a foot lifts, share of the largest circle in the hull of the three other feet."""
+"""Stability margin required before a foot lifts, as a share of the radius of the circle inside the other feet."""
 SWAY = 0.36
-"""Way of the point of zero moment by the trunk's acceleration, share of that margin."""
+"""Displacement of the zero-moment point by the trunk's acceleration, as a share of the lean margin."""
 
 
 def can_stand(robot: Robot) -> bool:
-    """Return whether the robot has four or more legs, each of which can set its foot anywhere in its reach."""
+    """Return True if the robot has more than two legs, each with at least `LEG_JOINTS` joints, else False."""
     return robot.nlegs > 2 and all(len(leg.joints) >= LEG_JOINTS for leg in robot.legs)
 
 
 def leg_length(robot: Robot) -> float:
-    """Return the longest distance of a foot from its leg's second joint, m, mean of the legs."""
+    """Return the leg length, m: longest distance of a foot from its leg's second joint, mean over the legs."""
     _, pos = forward(robot.model, robot.neutral)
     feet, total = foot_positions(robot.model, robot.neutral), 0.0
     for leg, foot in zip(robot.legs, feet, strict=True):
@@ -104,13 +108,13 @@ def doubts_of_axes(robot: Robot) -> list[str]:
 
 
 def _arm(robot: Robot, q: Array, leg: int) -> Array:
-    """Return the foot from the leg's second joint, (3,) m, base_link, at joint angles q (n,) rad."""
+    """Return the vector from a leg's second joint to its foot, (3,) m, base_link, at joint angles q (n,) rad."""
     second = robot.joints[robot.legs[leg].joints[1]].link
     return foot_positions(robot.model, q)[leg] - forward(robot.model, q)[1][second]
 
 
 def _under(robot: Robot, leg: int, below: float) -> Array | None:
-    """Return angles of a leg with its foot `below` (m) its second joint, abreast as at first angle zero, or None."""
+    """Return joint angles, rad, of a leg with its foot `below` (m) under its second joint; None if none were found."""
     joints, q = list(robot.legs[leg].joints), robot.neutral.copy()
     q[joints[0]] = min(max(0.0, robot.joint_lower[joints[0]]), robot.joint_upper[joints[0]])
     second, third = (robot.joints[j].link for j in joints[1:3])

@@ -18,9 +18,9 @@ from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk
 from .stance import MOST_TORQUE, can_stand, doubts_of_axes, standing, torque_limit
 
 STIFFNESS, DAMPING = 5.0, 0.1
-"""Gains of a servo whose file has none, 1/rad and s/rad: times its torque."""
+"""Servo gains where the file has none, as multiples of the largest torque: position, 1/rad, and velocity, s/rad."""
 SWING = 2.0 * math.pi * 10.0
-"""Angular frequency at which a servo swings against its own rotor, 1/s, where the file has no rotor: without one the
+"""Natural angular frequency of a servo with its rotor, rad/s, for files without rotor inertia: without one the
 links of a light leg tremble at the rate of the simulation, and standing feet creep by centimetres."""
 KINDS = {6: "hexapod", 4: "quadruped", 2: "biped"}
 HALF_TURN = math.pi  # rad, assumed limit of a joint without limits
@@ -37,7 +37,7 @@ class Imported:
     shared: dict[str, str]  # our joint by the name of the file's joint that has the same motor
     trunk: str
     home: bool = False
-    """The neutral posture is one that the file names."""
+    """True: the neutral posture is one that the file names; False: it was generated."""
     found: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
@@ -86,7 +86,7 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
 
 
 def _check_couplings(model: mujoco.MjModel, first: set[int]) -> None:
-    """Refuse a joint that follows another one, but for the first hinges of limbs (raises RobotError)."""
+    """Raise RobotError for a joint that is coupled to another one; allowed for the first hinges of limbs, `first`."""
     for i in range(model.neq):
         if int(model.eq_obj1id[i]) not in first:
             names = " coupled to ".join(
@@ -99,7 +99,7 @@ def _check_couplings(model: mujoco.MjModel, first: set[int]) -> None:
 
 
 def _shared(model: mujoco.MjModel, joint: int, link: str, ours: str, made: Imported) -> dict[str, Any]:
-    """Return the table of a limb whose first hinge has the motor of another limb's; none for the others."""
+    """Return the table of a limb whose first hinge shares the motor of another limb; empty if it has its own."""
     for i in range(model.neq):
         if int(model.eq_obj1id[i]) == joint:
             theirs = model.joint(int(model.eq_obj2id[i])).name
@@ -181,7 +181,7 @@ def _floats(values: Array) -> list[float]:
 
 
 def _neutral(model: mujoco.MjModel, made: Imported) -> Array:
-    """Angles (njnt,) of the keyframe `home`, else the middle of the limits."""
+    """Return the joint angles (njnt,) rad of the keyframe `home`, else the middle of the limits."""
     keys = [model.key(i).name for i in range(model.nkey)]
     if "home" in keys:
         made.home = True
@@ -192,7 +192,7 @@ def _neutral(model: mujoco.MjModel, made: Imported) -> Array:
 
 
 def _limbs(segs: list[Segment]) -> list[list[int]]:
-    """Indices of the segments of each limb, parents first."""
+    """Return the segment indices of each limb, parents first."""
     roots = [i for i, s in enumerate(segs) if s.parent == 0]
     limb_of = {i: i for i in roots}
     for i, s in enumerate(segs):
@@ -221,7 +221,7 @@ def plain_name(name: str) -> str:
 
 
 def _limb_name(model: mujoco.MjModel, segs: list[Segment], limb: list[int], index: int) -> str:
-    """Return what the names of a limb's bodies begin with, as in FL_hip, FL_thigh."""
+    """Return the common beginning of a limb's body names as its name, `FL` for FL_hip and FL_thigh."""
     first = plain_name(model.body(segs[limb[0]].body).name).split("_")[0]
     same = all(plain_name(model.body(segs[i].body).name).split("_")[0] == first for i in limb)
     return first if same and re.match("[a-z]", first) else f"limb{index}"
@@ -260,7 +260,7 @@ def _link_name(model: mujoco.MjModel, s: Segment, label: str) -> str:
 
 
 def _inertial(s: Segment) -> dict[str, Any]:
-    """Mass, centre and the box of the same principal inertia with its axes."""
+    """Return the table of a segment's mass, centre of mass, and the box with equal principal inertia and its axes."""
     size, axes = np.linalg.eigh(s.inertia)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1.0
@@ -275,7 +275,7 @@ def _quat(rot: Array) -> list[float]:
 
 
 def _servo(model: mujoco.MjModel, joint: int, made: Imported) -> dict[str, Any]:
-    """Servo table of a joint: torque and gains of its actuator, else of the joint, else assumed."""
+    """Return the servo table of a joint: torque and gains of its actuator, else of the joint, else assumed values."""
     dof, torque, kp, kv = model.jnt_dofadr[joint], 0.0, 0.0, 0.0
     for a in range(model.nu):
         if model.actuator_trnid[a, 0] != joint or model.actuator_trntype[a] != int(mujoco.mjtTrn.mjTRN_JOINT):
@@ -316,7 +316,7 @@ def _trunk(base: Segment, places: list[dict[str, Any]], made: Imported) -> dict[
 
 
 def _sensors(model: mujoco.MjModel, segs: list[Segment], made: Imported) -> dict[str, Any]:
-    """Tables of the sensors: the inertial unit's place if a site or body of the trunk is called imu, else assumed."""
+    """Return the sensor tables: place of the inertial unit from a trunk site or body named imu, else an assumed one."""
     data, base = mujoco.MjData(model), segs[0]
     mujoco.mj_kinematics(model, data)
     at, axes = data.xpos[base.body], data.xmat[base.body].reshape(3, 3)

@@ -9,7 +9,7 @@ from surefoot.services.footholds.models.shipped import shipped
 from surefoot.services.supervisor.processes.compose import Compose
 
 LARGEST = 16 * 1024 * 1024
-"""Bytes of a file that a recording takes."""
+"""Largest size of a file that is attached to a recording, bytes."""
 
 
 def attached(compose: Compose, more: Mapping[str, str] | None = None) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Simulated world, estimator and walker joined by function calls in the order of a control tick, without a bus."""
+"""Simulated world, estimator and walker connected by function calls in the order of a control tick, without a bus."""
 
 import time
 from typing import Any
@@ -54,7 +54,7 @@ class JoinedLoop:
         self.world, self.walker = world, walker
         self.estimator = Estimator.for_robot(world.robot)
         self.out: WalkerOutputs | None = None
-        """Outputs of the walker in this tick."""
+        """Outputs of the walker in the current tick; None before its first tick."""
         self.costs_us: list[float] = []
         """Wall time of the walker in each tick, us."""
         self._pending: list[NDArray[np.float64]] = [world.command.copy()] * delay

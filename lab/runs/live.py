@@ -38,20 +38,20 @@ START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled 
 STALL_S = 150.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
 RECORDER_S = 10.0  # s wall, for the recorder to close its file
 LIBRARIES = ("mujoco", "numpy", "numba", "scipy", "eclipse-zenoh", "pydantic")
-"""Libraries whose versions the report names."""
+"""Names of the libraries whose versions the report lists."""
 HASH_SHOWN = 12
 """Characters of a configuration's hash that the report shows."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a run.
+    """Options of a live run of a scenario.
 
     Attributes:
-        seed: None = the scenario's own.
-        record: write an MCAP file.
-        rtf: None = lockstep as fast as it goes; else paced at this real-time factor.
-        strict: no actuation delay.
+        seed: seed of the run; None = the scenario's own.
+        record: True: write an MCAP file; False: do not record.
+        rtf: real-time factor at which the run is paced; None = lockstep at full speed.
+        strict: True: no actuation delay; False: the delay that the scenario sets.
         listen: endpoint of the router, None = SUREFOOT_LISTEN or the default.
         out: folder for recording and report, None = a new one under `runs`.
     """
@@ -90,9 +90,9 @@ class RunOutcome:
     """Path of the report; None where it could not be written, and a note of the verdict states why."""
     recording: Path | None
     start_s: float
-    """Wall time from the command to tick 0."""
+    """Wall time from the start of the command to control tick 0, s."""
     timings: Mapping[str, Timing]
-    """Time in a tick by service."""
+    """Computing time per control tick, by service."""
     interrupted: bool = False
     """True if the run was ended from outside, by SIGINT or SIGTERM."""
 
@@ -199,13 +199,13 @@ def _explained(verdict: RunVerdict, recording: Path | None) -> RunVerdict:
 
 
 class _End(NamedTuple):
-    """State of the services after the last tick.
+    """State of the services of a run after its last control tick.
 
     Attributes:
         recorded: reply of the recorder, None without one.
         timings: time in a tick by service.
         notes: restarts, silent inputs, paced time that fell behind.
-        comparable: no service was restarted and the simulator calls the run comparable.
+        comparable: True if no service was restarted and the simulator calls the run comparable, else False.
         configuration: hash of the effective configuration of each service.
     """
 
@@ -303,20 +303,20 @@ def _filmed(recording: Path | None, about: About) -> tuple[About, Film | None]:
 
 
 def _late(status: SimStatus | None) -> list[str]:
-    """Return the note about paced time that fell behind."""
+    """Return a note if the paced run fell behind real time; an empty list if it did not."""
     if status is None:
         return []
     return [f"late: real-time factor {status.rtf:.2f} at tick {status.tick}, {status.pace:g} was asked for"]
 
 
 def _unrecorded(wanted: Path | None, recorded: RecorderReply | None) -> list[str]:
-    """Return the note about a recording that ended early."""
+    """Return a note if the recording ended before the run; an empty list if it is complete."""
     failed = wanted is not None and recorded is not None and recorded.finished and not recorded.path
     return ["the recording could not be written to its end; `surefoot logs recorder` shows why"] if failed else []
 
 
 def _writable(folder: Path) -> Path:
-    """Return a folder that can be made; where nothing can be written, nothing is started."""
+    """Check, before a run starts, that a folder exists or can be made (raises OSError); return the folder."""
     if not folder.exists():
         folder.mkdir(parents=True)
         folder.rmdir()

@@ -1,4 +1,4 @@
-"""A scenario inside one process, on the in-memory bus: the same services, the same lockstep, the same verdict and hash.
+"""Run of a scenario in one process on the in-memory bus; services, lockstep, verdict and hash are those of a live run.
 
 Studies over many seeds are built on it, see `surefoot.lab.studies`.
 """
@@ -41,7 +41,7 @@ class LocalRun:
 
     @property
     def rtf(self) -> float:
-        """Simulated time of the run over its wall time."""
+        """Real-time factor of the run: its simulated time over its wall time."""
         return self.ticks * TICK_S / self.wall_s
 
 

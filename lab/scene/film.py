@@ -19,17 +19,18 @@ from .shapes import DrawnGround
 from .styles import STYLES, VALUES
 
 UNITS_PER_M = 10_000
-"""Lengths on a page are whole tenths of a millimetre: they are short, and more cannot be seen."""
+"""Resolution of lengths in the data of a page, units per metre: lengths are integers in tenths of a millimetre."""
 FRAMES_HZ, MOST_FRAMES = 25.0, 2500
-"""Frames of a second of simulated time, and of a whole film, whose frames are then further apart."""
+"""`FRAMES_HZ`: frames per second of simulated time; `MOST_FRAMES`: largest number of frames of a film, above which they
+are further apart."""
 NS = 1e-9
 SLOWEST_POSE_S = 0.1
-"""Longest time between messages of a pose at their rates, s."""
+"""Longest time between two messages of a pose topic at its nominal rate, s."""
 STYLE_NUMBERS = {name: number for number, name in enumerate(STYLES)}
 
 
 class Undecoded(Protocol):
-    """A recorded message that is decoded only when it is needed."""
+    """Recorded message that is decoded only when it is needed."""
 
     @property
     def key(self) -> str:
@@ -208,7 +209,7 @@ def frame(shown: Snapshot) -> dict[str, Any]:
 
 
 def mark(each: Lasting) -> list[Any]:
-    """Return a mark as the JSON object that a page draws."""
+    """Return a lasting item (footprint, landmark) as the JSON list that a page draws."""
     return [round(each.time, 3), *encoded(each.item)]
 
 

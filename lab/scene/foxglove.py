@@ -17,8 +17,8 @@ KINDS = {
     "/tf": "FrameTransforms", "/robot": "SceneUpdate", "/scene": "SceneUpdate", "/ground": "SceneUpdate",
     "/map": "Grid", "/odometry": "Odometry", "/joint_states": "JointStates", "/pose": "PoseInFrame", "/log": "Log",
 }  # fmt: skip
-"""Kinds of the channels by topic. Beside them are `/values` in JSON, and a cloud of points for each link and the ground
-under `/shape/`, for viewers that know no scenes."""
+"""Foxglove message type of each channel by topic. Besides, `/values` is JSON, and there is a point cloud for each link
+and the ground under `/shape/`, for viewers that cannot show scenes."""
 LEVELS = {"debug": "Debug", "info": "Info", "warning": "Warning", "error": "Error"}
 
 
@@ -75,7 +75,7 @@ class FoxgloveScene:
             self.log(stamp, "warning" if shown.fallen else "info", "walker", shown.text)
 
     def log(self, stamp_ns: int, level: str, name: str, text: str) -> None:
-        """Publish a line of a log."""
+        """Publish a log line (simulated time in ns, level, name of the source, text) on the Foxglove log channel."""
         m = self._make.messages
         kind = getattr(m.LogLevel, LEVELS.get(level, "Info"))
         line = m.Log(timestamp=self._make.time(stamp_ns), level=kind, name=name, message=text)
@@ -104,7 +104,7 @@ class FoxgloveScene:
         return make.messages.FrameTransforms(transforms=made)
 
     def _send_robot(self, stamp: int) -> None:
-        """Publish the shape of each link, fixed to its frame."""
+        """Publish the shape of each link of the robot on the Foxglove scene channel, fixed to the link's frame."""
         make, body, entities = self._make, self._scene.body, list[Any]()
         for number, name in enumerate(self._links):
             parts = make.parts(body, number)
@@ -118,7 +118,7 @@ class FoxgloveScene:
         self._send("/robot", make.messages.SceneUpdate(entities=entities), stamp)
 
     def _items(self, shown: Snapshot, stamp: int) -> Any:
-        """Return what is drawn beside the robot, and marks that are new."""
+        """Return the scene update with the items drawn beside the robot in a snapshot, and with new lasting items."""
         make, extent, marks = self._make, self._scene.body.extent, self._scene.marks
         entity = {"timestamp": make.time(stamp), "frame_id": WORLD}
         entities = [make.messages.SceneEntity(id="now", **entity, **make.drawn(shown.items, extent))]

@@ -38,7 +38,7 @@ def page(title: str, body: str, scripts: Iterable[str], start: str) -> str:
 
 
 def stage(name: str, bar: str) -> str:
-    """Return the HTML of the picture with its numbers, views and layers; `bar`: HTML of the controls."""
+    """Return the HTML of the scene's picture with its numbers, views and layers; `bar`: HTML of the controls."""
     return (
         f'<section class="stage" id="{name}"><div class="picture"><canvas></canvas><div class="clock"></div>'
         '<div class="words"></div><div class="numbers"></div><div class="looks"></div>'

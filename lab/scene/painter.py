@@ -13,17 +13,17 @@ from .shapes import DrawnGround
 from .styles import STYLES, VALUES
 
 FINER = 2
-"""Pixels across for one of the picture, which is made smaller at the end: smooth edges."""
+"""Factor of supersampling per axis: pictures are drawn this much larger and reduced at the end, for smooth edges."""
 AZIMUTH, ELEVATION = -0.95, 0.5
-"""Direction of the view, rad, as the pages begin."""
+"""Azimuth and elevation of the viewing direction, rad, equal to the initial view of the pages."""
 SUN = np.array([-0.42, -0.38, 0.82])
 SKY, LOW_SKY, INK, SOFT = (223, 232, 240), (247, 249, 251), (28, 39, 51), (93, 107, 120)
 SQUARE = 0.1
-"""Edge of the squares on the ground, m."""
+"""Edge length of the grid squares drawn on the ground, m."""
 FLAT = ("fill", "ring")
 """Kinds of items that lie on the ground, under the robot."""
 SHOWN = ("margin", "tilt", "speed")
-"""Numbers written on the picture."""
+"""Names in `VALUES` of the numbers written on the picture."""
 
 
 class Viewpoint(NamedTuple):
@@ -47,10 +47,10 @@ class Viewpoint(NamedTuple):
 
 
 class Painter:
-    """Painter of the snapshots of one scene; the ground is painted once and moved after."""
+    """Painter of the snapshots of one scene; the ground is painted once and then shifted with the view."""
 
     def __init__(self, scene: RobotScene, size: tuple[int, int], *, still: tuple[Array, float] | None = None) -> None:
-        """Choose the view.
+        """Prepare to paint a scene, with a fixed view or one that follows the robot.
 
         Args:
             scene: with body, ground and marks.
@@ -89,7 +89,7 @@ class Painter:
         return image.reduce(FINER)
 
     def _drop(self, points: Array) -> Array:
-        """Return the points of the ground below points (n, 3) m."""
+        """Return the vertical projections of points (n, 3) m, world, to the ground, (n, 3) m."""
         ground = self.scene.ground
         height = np.zeros(len(points)) if ground is None else ground.at(points[:, :2])
         return np.column_stack((points[:, :2], height))
@@ -102,7 +102,7 @@ class Painter:
         image.paste(picture, (round(corner[0]), round(corner[1])), picture)
 
     def _painted_ground(self, camera: Viewpoint) -> tuple[Image.Image, Array]:
-        """Return the ground as a picture, and the point of the world in its upper left corner, m."""
+        """Return the ground as a picture, and the world point in its upper left corner, m."""
         ground = self.scene.ground or DrawnGround(np.zeros((81, 81)), SQUARE, (-40 * SQUARE, -40 * SQUARE))
         z, (rows, cols) = ground.heights, ground.heights.shape
         x, y = (ground.origin[i] + ground.cell * np.arange(n) for i, n in ((0, cols), (1, rows)))
@@ -237,7 +237,7 @@ class Painter:
 
 
 def shaded(colour: str, factor: float) -> tuple[int, int, int]:
-    """Return a colour `#rrggbb` darker (factor < 1) or lighter."""
+    """Return red, green, blue (0 to 255) of a colour `#rrggbb`, made darker (factor < 1) or lighter (factor > 1)."""
     parts = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
     light = min(1.0, max(0.0, factor - 1.0) * 1.6)
     red, green, blue = (round(min(255.0, p * factor if factor <= 1.0 else p + (255 - p) * light)) for p in parts)

@@ -16,7 +16,8 @@ from .styles import STYLES
 INSTALL = "pip install 'surefoot[foxglove]'"
 GROUND_COLOUR = "#b9bfb4"
 AROUND, APART = 8, 0.012
-"""Points around a limb or ball of a cloud, and the distance between its points, share of the robot's extent."""
+"""Point clouds of the robot: `AROUND`: number of points around a limb or ball; `APART`: distance between points, as a
+share of the robot's extent."""
 
 
 def sdk() -> Any:
@@ -37,40 +38,40 @@ class Primitives:
         self.messages = sdk().messages
 
     def time(self, stamp_ns: int) -> Any:
-        """Return the Timestamp message of a simulated time in ns."""
+        """Return the Foxglove Timestamp message of a simulated time in ns."""
         return self.messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
 
     def pose(self, position: Array, rot: Array) -> Any:
-        """Return the Pose message of a place (3,) m and a rotation matrix (3, 3)."""
+        """Return the Foxglove Pose message of a position (3,) m and a rotation matrix (3, 3)."""
         return self.messages.Pose(position=self.vector(position), orientation=self.turn(rot))
 
     def turn(self, rot: Array) -> Any:
-        """Return the Quaternion message of a rotation matrix, (3, 3)."""
+        """Return the Foxglove Quaternion message of a rotation matrix, (3, 3)."""
         w, x, y, z = quat_from_matrix(np.ascontiguousarray(rot)).tolist()
         return self.messages.Quaternion(x=x, y=y, z=z, w=w)
 
     def vector(self, place: Array) -> Any:
-        """Return the Vector3 message of a place, (3,) m."""
+        """Return the Foxglove Vector3 message of a position, (3,) m."""
         x, y, z = (float(each) for each in place)
         return self.messages.Vector3(x=x, y=y, z=z)
 
     def points(self, places: Array) -> list[Any]:
-        """Return the Point3 messages of places, (n, 3) m."""
+        """Return the Foxglove Point3 messages of positions, (n, 3) m."""
         point = self.messages.Point3
         return [point(x=x, y=y, z=z) for x, y, z in np.asarray(places, dtype=float).tolist()]
 
     def colour(self, colour: str, alpha: float = 1.0) -> Any:
-        """Return a colour of the library from `#rrggbb` and an opacity of 0 to 1."""
+        """Return the Foxglove Color message of a colour `#rrggbb` with an opacity `alpha`, 0 to 1."""
         red, green, blue = (part / 255.0 for part in _bytes_of(colour))
         return self.messages.Color(r=red, g=green, b=blue, a=alpha)
 
     def sphere(self, place: Array, radius: float, colour: str) -> Any:
-        """Return the sphere of a scene at a place (3,) m, with a radius, m, and a colour `#rrggbb`."""
+        """Return the Foxglove sphere at a position (3,) m, with a radius, m, and a colour `#rrggbb`."""
         size = self.vector(np.full(3, 2.0 * radius))
         return self.messages.SpherePrimitive(pose=self.pose(place, np.eye(3)), size=size, color=self.colour(colour))
 
     def cylinder(self, begin: Array, end: Array, radius: float, colour: str) -> Any:
-        """Return the cylinder of a scene between two points (3,) m, of `radius` m and a colour `#rrggbb`."""
+        """Return the Foxglove cylinder between two points (3,) m, with a radius, m, and a colour `#rrggbb`."""
         length = float(np.linalg.norm(end - begin))
         size = self.vector(np.array([2.0 * radius, 2.0 * radius, length]))
         return self.messages.CylinderPrimitive(
@@ -79,7 +80,7 @@ class Primitives:
         )  # fmt: skip
 
     def fan(self, corners: Array, colour: str, alpha: float = 1.0) -> Any:
-        """Return a convex polygon, corners (n, 3) m in order, as triangles."""
+        """Return a convex polygon, corners (n, 3) m in order, as Foxglove triangles, opacity `alpha` 0 to 1."""
         inner = range(1, len(corners) - 1)
         indices = [index for i in inner for index in (0, i, i + 1)]
         return self.messages.TriangleListPrimitive(
@@ -87,7 +88,7 @@ class Primitives:
         )
 
     def arrow(self, tail: Array, tip: Array, size: float, colour: str) -> Any:
-        """Return an arrow from tail to tip, (3,) m, with a shaft of this width, m."""
+        """Return a Foxglove arrow from tail to tip, (3,) m each, with a shaft of width `size`, m."""
         along = tip - tail
         length = max(float(np.linalg.norm(along)), 1e-9)
         head = min(3.0 * size, 0.5 * length)
@@ -219,7 +220,7 @@ def centres(ground: DrawnGround) -> Array:
 
 
 def _towards(z: Array) -> Array:
-    """Return a rotation whose third axis is the unit vector z, (3, 3)."""
+    """Return a rotation matrix (3, 3) whose third column is the unit vector z (3,)."""
     other = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     x = np.cross(other, z)
     x /= np.linalg.norm(x)

@@ -18,18 +18,19 @@ from .film import Film, film_of_recording
 from .painter import Painter
 
 GAP_S, MOST_GAPS = 1.0, 5
-"""Time without a pose that a moving picture leaves out, s, and most of them that are named."""
+"""`GAP_S`: time without a pose, s, above which a moving picture leaves it out; `MOST_GAPS`: largest number of such gaps
+that are listed."""
 
 
 class Shot(NamedTuple):
-    """Settings of a moving picture.
+    """Settings for rendering a recording as a moving picture.
 
     Attributes:
         size: width and height, pixels.
-        fps: pictures a second of the moving picture.
-        speed: simulated over shown time.
+        fps: frame rate of the moving picture, Hz.
+        speed: simulated time per playing time.
         start, end: part of the recording, s; end None = all.
-        still: the camera does not follow the robot.
+        still: True: the camera is fixed; False: it follows the robot.
         quality: of WebP, 1 to 100.
     """
 

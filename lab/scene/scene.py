@@ -30,30 +30,30 @@ KEYS = (
     "state/stability", "footholds/chosen", "state/pose", "state/landmarks", "navigator/feedback", "terrain/map",
     "terrain/landmarks",
 )  # fmt: skip
-"""Keys that a scene is made of; others are ignored."""
+"""Topic keys whose messages update a scene; messages of other keys are ignored."""
 
 POSTURE = ("sim/truth", "state/odometry", "hw/joints")
-"""Keys of the pose of the robot, the best first; a snapshot has the time of its pose."""
+"""Topic keys that give the robot's pose and posture, the best first; a snapshot has the time of the one used."""
 SAME_PLACE = 1e-3
-"""Distance within which the foothold of the gait is the one that the service chose, m."""
+"""Distance, m, up to which the gait's foothold counts as the one that the foothold service chose."""
 FORCE_LENGTH = 1.2
-"""Length of an arrow for a force of the robot's weight, share of the robot's extent."""
+"""Length of the arrow for a force equal to the robot's weight, as a share of the robot's extent."""
 SLIPS = 0.002
-"""Way of a contact point in its stance from which a foot is drawn as sliding, m."""
+"""Slide of a contact point during its stance, m, above which the foot is drawn as sliding."""
 CONFIDENCE_95 = 2.4477
-"""Half axes of the ellipse that holds 95 % of a plane normal distribution, in standard deviations."""
+"""Half axis of the 95 % ellipse of a two-dimensional normal distribution, in standard deviations."""
 ELLIPSE = np.linspace(0.0, 2.0 * math.pi, 25)[:-1]
 LANDMARKS_DRAWN = 2000
 UP = np.array([0.0, 0.0, 1.0])
 
 
 class Item(NamedTuple):
-    """Drawn item: points (n, 3) m, world, in a style; of an arrow, tails and heads in turn.
+    """Drawn item of a scene: points (n, 3) m, world, in a style; points of arrows are tail and head in turn.
 
     Attributes:
         style: name in `STYLES`.
-        points: (n, 3) m; one of a label.
-        text: of a label.
+        points: (n, 3) m, world; a label has one.
+        text: text of a label; empty for other items.
     """
 
     style: str
@@ -70,7 +70,7 @@ class Lasting(NamedTuple):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A scene at one time.
+    """Content of a scene at one simulated time, ready to be drawn.
 
     Attributes:
         time: simulated time, s.
@@ -79,10 +79,10 @@ class Snapshot:
         link_rot, link_position: poses of the links in the world, (nl, 3, 3) and (nl, 3) m.
         points: points of the robot's body in the world, (n, 3) m.
         estimate: position (3,) m and rotation (3, 3) of base_link by the odometry, world; None without.
-        items: what is drawn beside the robot.
+        items: items drawn besides the robot.
         values: numbers by name of `VALUES`; those that are unknown are left out.
         text: state of the gait, with its reason.
-        fallen: the robot has fallen.
+        fallen: True if the robot has fallen, else False.
     """
 
     time: float
@@ -101,15 +101,15 @@ class Snapshot:
 
 @dataclass
 class RobotScene:
-    """Scene of one robot: its latest messages, of which snapshots are made."""
+    """Scene of one robot: keeps its latest messages, from which snapshots are made."""
 
     robot: Robot
     ground: DrawnGround | None = None
     marks: list[Lasting] = field(default_factory=list[Lasting])
-    """Items that stay: ends of stances, landmarks."""
+    """Items that stay in all later snapshots: footprints of ended stances and landmarks."""
     epoch: int = -1
     strict: bool = False
-    """A message that cannot be read is raised by `snapshot`; else the scene lacks it."""
+    """True: `snapshot` raises the error of a message that cannot be read; False: such a message is left out."""
 
     def __post_init__(self) -> None:
         self.body = body_of(self.robot)
@@ -189,7 +189,7 @@ class RobotScene:
         self._stances = tuple(truth.stances)
 
     def _on_ground(self, places: Array) -> Array:
-        """Return places (n, 2) m with the height of the ground, (n, 3)."""
+        """Return points (n, 2) m, world, with the height of the ground below them added, (n, 3) m."""
         height = np.zeros(len(places)) if self.ground is None else self.ground.at(places)
         return np.column_stack((places, height))
 
@@ -336,7 +336,7 @@ class RobotScene:
         return [Item("expected", ground, text)]
 
     def _navigation(self) -> list[Item]:
-        """Return the belief of the pose in the map and the goal."""
+        """Return the drawn items of navigation: 95 % ellipse of the believed pose, matched landmarks, and the goal."""
         pose, feedback = self._latest.get("state/pose"), self._latest.get("navigator/feedback")
         items: list[Item] = []
         if pose is not None:

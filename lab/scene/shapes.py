@@ -10,17 +10,17 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 
 TRUNK, LEG, SERVO, FOOT, NOSE = "#3d5a80", "#9fb3c8", "#46566a", "#2b3a4a", "#ee9b3a"
-"""Colours of the robot's parts."""
+"""Colours of the drawn parts of the robot, `#rrggbb`."""
 THIN, THICK = 0.012, 0.045
-"""Smallest and largest radius of a segment, share of the robot's extent."""
+"""Smallest and largest radius of a drawn leg segment, as a share of the robot's extent."""
 ROUND = 1.5
-"""Longest over shortest edge of a last link's box up to which it is drawn as a ball."""
+"""Ratio of longest to shortest edge of a last link's inertia box below which the link is drawn as a ball."""
 MOST_CELLS = 14_000
-"""Cells of the ground that are drawn: a page draws them all at every turn of the view."""
+"""Largest number of ground cells that are drawn; a larger grid is made coarser, as each new view redraws all cells."""
 
 
 class Limb(NamedTuple):
-    """A segment between two points, by their indices, with a radius, m, and a colour."""
+    """Segment of a robot's shape between two points, by their indices, with a radius, m, and a colour."""
 
     begin: int
     end: int
@@ -29,7 +29,7 @@ class Limb(NamedTuple):
 
 
 class Ball(NamedTuple):
-    """A sphere about a point, by its index, with a radius, m, and a colour."""
+    """Sphere of a robot's shape about a point, by its index, with a radius, m, and a colour."""
 
     at: int
     radius: float
@@ -37,7 +37,7 @@ class Ball(NamedTuple):
 
 
 class Face(NamedTuple):
-    """A flat polygon through points, by their indices, counter-clockwise seen from outside, with a colour."""
+    """Flat polygon of a robot's shape: indices of its points, counter-clockwise seen from outside, and a colour."""
 
     corners: tuple[int, ...]
     colour: str
@@ -62,7 +62,7 @@ class Body(NamedTuple):
 
 
 class DrawnGround(NamedTuple):
-    """Heights (ny, nx) m, NaN = unknown, edge of a cell, m, and the centre (x, y) m of cell [0, 0]."""
+    """Ground to be drawn: heights (ny, nx) m, NaN = unknown, edge of a cell, m, and centre (x, y) m of cell [0, 0]."""
 
     heights: Array
     cell: float
@@ -90,13 +90,13 @@ class DrawnGround(NamedTuple):
 
 
 class _Points:
-    """Points of a body, each once."""
+    """Collector of the points of a robot's shape, which keeps each distinct point once."""
 
     def __init__(self) -> None:
         self.found: dict[tuple[int, tuple[float, ...]], int] = {}
 
     def add(self, link: int, local: Array) -> int:
-        """Return the number of a point of a link, (3,) m in its axes."""
+        """Return the index of a point of a link, position (3,) m in the link's axes; a new point is added."""
         place = tuple(round(float(x), 6) + 0.0 for x in local)
         return self.found.setdefault((link, place), len(self.found))
 

@@ -22,9 +22,9 @@ from surefoot.services.vision.recognise import RecogniseParams, gate_radius
 from surefoot.services.vision.view import FloorPose, Patch, from_above
 
 MOST_ACTIONS, COUNT = 4, 250
-"""Actions of which an image is shown; most features of an image."""
+"""`MOST_ACTIONS`: largest number of actions with an image shown; `COUNT`: largest number of features per image."""
 IMAGES, MOMENTS = 6, 100
-"""Images and messages of odometry that are kept until the landmarks of an image come."""
+"""Number of latest images (`IMAGES`) and odometry messages (`MOMENTS`) kept until the landmarks of an image arrive."""
 ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
 
 
@@ -32,16 +32,16 @@ class SeenImage(NamedTuple):
     """Camera image of a run, with the landmarks that were recognised in it."""
 
     time: float
-    """Middle of the exposure, s of simulated time."""
+    """Simulated time of the middle of the exposure, s."""
     image: Any
-    """Message `hw/image`."""
+    """Decoded message of `hw/image` with the image."""
     base: FloorPose
     places: Array
-    """Recognised landmarks in heading axes of base_link at that time, (k, 2) m."""
+    """Recognised landmarks, heading axes of base_link at the time of the image, (k, 2) m."""
     seen: Any
-    """Message `state/landmarks`."""
+    """Decoded message of `state/landmarks` on the image."""
     reach: Array
-    """Gate of each landmark, (k,) m; NaN where the whole map was compared."""
+    """Radius of the search region of each recognised landmark, (k,) m; NaN where the whole map was searched."""
     entropy: float
     """Entropy of the believed pose, nats."""
 
@@ -62,7 +62,7 @@ class SightKeeper:
     _belief: Any = None
 
     def image(self, message: Any) -> None:
-        """Keep the camera image of a message `hw/image`."""
+        """Keep the camera image of an `hw/image` message until its landmarks arrive."""
         self._images.append(message)
 
     def believed(self, message: Any) -> None:
@@ -93,7 +93,7 @@ class SightKeeper:
         self.by_action[action] = sight
 
     def _reach(self, places: Array) -> Array:
-        """Return the radius within which features of the map were candidates, (k,) m, of places (k, 2) m."""
+        """Return the search radius, (k,) m, within which map features were candidates at places (k, 2) m."""
         if self._belief is None:
             return np.full(len(places), math.nan)
         return gate_radius(places, np.array(self._belief.covariance).reshape(3, 3), RecogniseParams())

@@ -45,7 +45,7 @@ STYLES: dict[str, Style] = {
     "gate": Style("landmarks", "line", "#2a9d63", 0.004, "gate of the farthest of them"),
     "landmark": Style("landmarks", "dot", "#b08d2e", 0.012, "landmark"),
 }  # fmt: skip
-"""Looks of all items, by name."""
+"""Drawing style of every kind of item in a scene, by name."""
 
 VALUES: dict[str, tuple[str, str, int]] = {
     "speed": ("speed forward", "m/s", 3),

@@ -20,7 +20,7 @@ from surefoot.schemas.base import Bulk, BulkRequest
 from surefoot.schemas.topics import Query, Topic
 
 ROUTER = "supervisor"
-"""Identity of the router. Peers get what clients send from it, so they trust it with every key."""
+"""Identity of the router; it forwards what clients send, so peers accept messages of every key from it."""
 TOKENS = f"{LIVE}/*/*", f"{STARTS}/*/*"
 
 

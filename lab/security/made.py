@@ -19,7 +19,7 @@ from .settings import settings_of
 
 AUTHORITY_DAYS = 3650
 NAME = re.compile(r"[A-Za-z0-9:][A-Za-z0-9._:-]{0,62}")
-"""Names of people and hosts: they name files, and stand in certificates."""
+"""Pattern that names of people and hosts must match, as they become file names and stand in certificates."""
 
 
 class Membership(NamedTuple):
@@ -29,7 +29,7 @@ class Membership(NamedTuple):
         operators: names of people who may command.
         guests: names of people who may only read.
         hosts: names and addresses of the processes, besides loopback.
-        days: validity of the certificates.
+        days: validity of the certificates, days.
     """
 
     operators: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Zenoh settings of an identity: its certificate, mutual TLS, and the rules made of the grants, the same for all.
+"""Zenoh settings of an identity: its certificate, mutual TLS, and access rules made of the grants, equal for all.
 
 A rule is about the process at the other end of a link, known by the common name of its certificate: what it may send
 to us (ingress), and what we send to it (egress). All that no rule allows is dropped.
@@ -27,7 +27,7 @@ _EGRESS = {
     Verb.WATCH: ("liveliness_token",),
 }
 _DECLARED = ("declare_subscriber", "declare_queryable", "liveliness_query", "declare_liveliness_subscriber")
-"""Everybody learns who reads and serves what: a publisher whose readers are hidden from it would not publish."""
+"""Zenoh declarations that every identity may see: a publisher that cannot see its readers would not publish."""
 _ALL = ("put", "delete", "query", "reply", "liveliness_token", *_DECLARED)
 
 
@@ -65,7 +65,7 @@ def settings_of(folder: Path, identity: str, namespace: str, granted: Sequence[G
 
 
 def access_control(namespace: str, granted: Sequence[Grant]) -> dict[str, Any]:
-    """Return the rules by which every process of a system lets others send and get."""
+    """Return the Zenoh access rules by which each process of a system lets other identities send and receive."""
     everything = _under(namespace, areas(granted))
     rules = [
         _rule("everything", _ALL, ("ingress", "egress"), everything),

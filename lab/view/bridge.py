@@ -18,9 +18,9 @@ from .newest import FRAME_S, NewestScene
 from .server import HOST
 
 PORT = 8765
-"""Port that Foxglove and Lichtblick propose."""
+"""Default TCP port of Foxglove and Lichtblick for a live connection."""
 LINES = 100
-"""Lines of logs that wait for the next frame."""
+"""Largest number of log lines that wait for the next frame; the oldest are dropped."""
 
 
 class FoxgloveBridge:
@@ -31,7 +31,7 @@ class FoxgloveBridge:
     """
 
     def __init__(self, client: Client, robot: Robot, port: int = PORT) -> None:
-        """Begin to serve.
+        """Start the Foxglove server on 127.0.0.1 and publish the robot's scene there.
 
         Raises:
             SurefootError: the library is missing.
@@ -90,13 +90,13 @@ class FoxgloveBridge:
 
 
 class _Newcomers:
-    """Notes that a client subscribed, and lacks what was published before: what lasts, or all while time stands."""
+    """Listener that records new subscribers, which lack the lasting items published before they came."""
 
     def __init__(self, again: threading.Event) -> None:
         self._note = again
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Take note that a client subscribed to a channel."""
+        """Record that a client subscribed to a channel, so that lasting items are published again."""
         self._note.set()
 
     def __getattr__(self, name: str) -> Any:

@@ -26,23 +26,23 @@ from .newest import ASK_S, FRAME_S, NewestScene
 from .sight import LiveSight
 
 STATUS_S, STALE_S, IDLE_S = 0.5, 3.0, 5.0
-"""Wall time between two reports on health, after which a service without a report counts as silent, and after which a
-view without a page gives up its images."""
+"""Wall times, s: `STATUS_S`: between two reports on health; `STALE_S`: without a report after which a service counts as
+silent; `IDLE_S`: without a page after which a view drops its images."""
 LOG_LINES = 12
 PUSH_SHARE = 0.3
-"""Force of a push that the page proposes, share of the robot's weight."""
+"""Default force of a push on the page, as a share of the robot's weight."""
 QUERIES = {
     "pause": "sim/pause", "resume": "sim/step", "step": "sim/step", "speed": "sim/speed", "push": "sim/push",
     "fault": "sim/fault", "reset": "sim/reset",
 }  # fmt: skip
-"""Queries behind the buttons of the page; `stop` is the emergency stop."""
+"""Query key behind each button of the page; the button `stop` is not among them, it is the emergency stop."""
 Stop = Callable[[str], tuple[bool, str]]
-"""Emergency stop: takes the reason, returns whether a driver confirmed it, and a sentence."""
+"""Emergency stop: takes the reason; returns True if a driver confirmed it, else False, and a sentence on the result."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """State of the view at one time, as parts of JSON that all pages share.
+    """State of the live view at one time, as JSON texts that all open pages share.
 
     Attributes:
         number: number of the state, which counts up.
@@ -113,7 +113,7 @@ class LiveFrames:
         return self._newest.grounds + self._lives
 
     def _offered(self) -> dict[str, Any]:
-        """Return the actions that the driver offers, its faults, and where they can be."""
+        """Return the actions that the driver offers, and its faults with their possible targets."""
         robot = self._newest.scene.robot
         content: dict[str, Any] = {
             "actions": [], "faults": [], "sized": SIZED_FAULTS, "push_n": round(PUSH_SHARE * robot.mass * GRAVITY, 1),
@@ -174,7 +174,7 @@ class LiveFrames:
                         self._news.notify_all()
 
     def _next(self) -> Shown:
-        """Return the state now; the same object when nothing came."""
+        """Return the current state of the view; the previous object if no new message came."""
         now, before = time.monotonic(), self._shown
         reported = before.report
         if now - self._reported_s >= STATUS_S:
@@ -198,7 +198,7 @@ class LiveFrames:
         )  # fmt: skip
 
     def _report(self, now: float) -> dict[str, Any]:
-        """Return services, time and log in words."""
+        """Return the status of services, the simulated time and new log lines as a JSON object for the page."""
         services: list[dict[str, Any]] = []
         for name, (came, delivery) in sorted(self._health.items()):
             with suppress(SurefootError):
@@ -235,7 +235,7 @@ class LiveFrames:
         return {"accepted": getattr(reply, "accepted", True), "reason": getattr(reply, "reason", "")}
 
     def _turned(self, force: Any) -> Any:
-        """Return a force along and across the heading in world axes; what is no force as it is, to be refused."""
+        """Return a force (forward, left, up), N, in world axes; other values unchanged, for the service to refuse."""
         match force:
             case [int() | float() as ahead, int() | float() as left, int() | float() as up]:
                 cos, sin = math.cos(self._heading), math.sin(self._heading)

@@ -14,11 +14,11 @@ from surefoot.schemas.topics import TOPICS
 from ..scene.scene import KEYS, RobotScene, Snapshot
 
 FRAME_S = 1.0 / 30.0
-"""Wall time between two looks at the newest messages."""
+"""Wall time between two frames of the view, which show the newest messages, s."""
 CLOCK = "hw/joints"
-"""Topic of every driver whose stamps show that another one was started."""
+"""Key of a topic that every driver publishes; its stamps show that another driver was started."""
 ASK_S = 2.0
-"""Wall time that a driver gets for its maps, features and description."""
+"""Longest wall time to wait for a driver's replies with maps, features and description, s."""
 
 
 def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) -> Robot:
@@ -66,7 +66,7 @@ class NewestScene:
         self._newest = [client.bus.newest(topic) for topic in TOPICS if topic.key in KEYS]
 
     def ask_for_maps(self) -> None:
-        """Request the latched maps, which may have been published before."""
+        """Request the driver's latched maps, as they may have been published before this view subscribed."""
         keys = ["terrain/map"] if self.scene.ground is None else []
         keys += ["terrain/landmarks"] if self.scene.robot.camera and not self.scene.marks else []
         for key in keys:
@@ -91,7 +91,7 @@ class NewestScene:
         return came, snapshot
 
     def _count_runs(self, delivery: Delivery) -> None:
-        """Note by the joints when epoch or time begins anew."""
+        """Count a new run when the epoch of a `hw/joints` message rises, or its epoch or stamp goes back."""
         if delivery.key != CLOCK:
             return
         with suppress(SurefootError):

@@ -23,7 +23,7 @@ BAR = """<span class="group" data-needs="pause"><button data-do="pause">pause</b
 
 
 def live_page(title: str) -> str:
-    """Return the page that shows a running system."""
+    """Return the HTML page of the live view of a running system, with the given title."""
     body = (
         '<main><header><span class="chip" id="state">...</span><h1></h1><p id="time"></p></header>'
         f'{stage("live", BAR)}<figure id="sight" hidden><figcaption></figcaption><canvas></canvas></figure>'

@@ -26,13 +26,13 @@ from .live import LiveFrames
 HOST = "127.0.0.1"
 PORT = 7480
 READERS = 8
-"""Pages that may look at the same time."""
+"""Largest number of pages that may be connected at the same time."""
 SEND_S = 5.0
-"""Wall time after which a page that does not read is given up."""
+"""Wall time after which the connection of a page that does not read is closed, s."""
 END_S = 0.1
-"""Wall time after which the server notices that it is to end."""
+"""Longest wall time until the server notices that it is to end, s."""
 IDLE_S = 1.0
-"""Wall time without news after which a page gets a sign of life."""
+"""Wall time without new data after which a page gets a keep-alive message, s."""
 BODY_BYTES = 4096
 FIELDS = TypeAdapter(dict[str, Any])
 
@@ -102,7 +102,7 @@ class _Http(ThreadingHTTPServer):
         super().__init__(address, _Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Stay silent about pages that went away."""
+        """Ignore errors of connections that a page has closed."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -114,7 +114,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Write no log: the address of a page holds the token."""
 
     def do_GET(self) -> None:
-        """Answer the page, what holds for all frames, or the stream of frames."""
+        """Answer a GET request: the HTML page, the constant parts of all frames, or the stream of frames."""
         view, path = self.server.view, urlsplit(self.path).path
         if not self._allowed():
             return
@@ -130,7 +130,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.NOT_FOUND, f"there are /, /head, /events, /{LAYOUT} and, by POST, /do")
 
     def do_POST(self) -> None:
-        """Carry out the request of a button on the page."""
+        """Answer a POST request: carry out the action of a button on the page."""
         view = self.server.view
         if not self._allowed():
             return
@@ -151,7 +151,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._json({"accepted": False, "reason": error.message})
 
     def _allowed(self) -> bool:
-        """Refuse a request that names another host, comes from the page of another site, or lacks the token."""
+        """Return True if a request names this host, has no foreign origin and has the token; else refuse it."""
         view = self.server.view
         names = {f"{name}:{view.port}" for name in (HOST, "localhost")}
         origin, token = self.headers.get("Origin"), parse_qs(urlsplit(self.path).query).get("token", [""])[0]

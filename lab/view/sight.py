@@ -19,7 +19,7 @@ from surefoot.services.vision.view import greys
 from ..scene.sights import SeenImage, SightKeeper, features, gates, in_image, words
 
 WIDEST, QUALITY = 480, 60
-"""px, largest side of an image on the page; quality of its JPEG: about 10 kB."""
+"""`WIDEST`: longest edge of a camera image on the page, px; `QUALITY`: its JPEG quality, 0 to 100: about 10 kB."""
 
 
 class LiveSight:
