@@ -14,7 +14,7 @@ from surefoot.schemas.topics import CMD_JOINTS
 State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
 
 WINDOW_TICKS = 20
-"""Lag that the slowest member may have, ticks."""
+"""Largest lag of the slowest member behind the driver in lockstep, ticks; beyond it the driver waits."""
 
 PACED_COMMAND_LAG_TICKS, PACED_WINDOW_TICKS = 5, 60
 """The same in paced time without a pace, of the commander and the others. A command is stale after 10 ticks, and a
@@ -30,7 +30,7 @@ REPORT_TICKS = 10
 the driver as much as a frame. Batches go with the answers."""
 
 COMMANDER = CMD_JOINTS.owner
-"""The service whose command a tick waits for; its command counts as its done."""
+"""Service whose joint command a tick waits for; the command also counts as its report that the tick is done."""
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Leader:
     reason: str = ""
     members: dict[str, Member] = field(default_factory=dict[str, Member])
     ready: dict[str, str] = field(default_factory=dict[str, str])
-    """Services whose links are proved, not yet on the roster: name to instance."""
+    """Services that have tested their links but are not on the roster yet: process name by service."""
     lost: set[str] = field(default_factory=set[str])
     """Members whose process is gone and whose return is awaited."""
     _manifests: dict[int, Tick] = field(default_factory=dict[int, Tick])
