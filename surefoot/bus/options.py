@@ -16,9 +16,9 @@ from surefoot.errors import ConfigError
 
 DEFAULT_FLEET = "surefoot"
 RUNTIME = "ZENOH_RUNTIME"
-"""Variable of the environment from which Zenoh takes the number of its threads at the first session of a process."""
+"""Environment variable from which Zenoh takes its numbers of threads at the first session of a process."""
 LEASE_MS = 1000
-"""A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
+"""Time without a sign of life after which a link to a process counts as lost, ms."""
 CONNECT_TIMEOUT_MS = 8000
 QUEUE_BATCHES = 16
 """Most batches (one frame, or 64 KiB of a map) that wait for the thread that sends them; Zenoh's limit. Of its default
@@ -30,10 +30,10 @@ MOST_PENDING, ACCEPT_MS = 512, 5000
 """Connections that have not yet named themselves, and the time after which such a one is closed: a hundred silent ones
 for 10 s, which Zenoh allows, keep everybody else out."""
 ROUTER_READERS = 32
-"""Threads with which the process of a router reads. Zenoh has two, and closing the link to a client that is frozen
-with a full queue takes one of them for seconds: three such clients silenced all services until these were ended."""
+"""Number of threads with which the process of a router reads; more than Zenoh's two, as one frozen client blocks
+one."""
 SHARED_FROM = 512
-"""Bytes of the smallest message that travels by shared memory, where that is on."""
+"""Smallest size of a message that travels by shared memory, bytes, if SUREFOOT_SHARED_MEMORY is 1."""
 
 
 def shares_memory() -> bool:
@@ -53,12 +53,12 @@ class ZenohOptions:
     """Mode, endpoints, namespace and identity with which a Zenoh session joins the network."""
 
     mode: str = "peer"
-    """router (the supervisor), peer (services), client (tools)."""
+    """Mode of the Zenoh session: ``router`` (the supervisor), ``peer`` (services) or ``client`` (tools)."""
     connect: tuple[str, ...] = (DEFAULT_ENDPOINT,)
     listen: tuple[str, ...] = ()
     namespace: str = f"{DEFAULT_FLEET}/ragno"
     identity: str = ""
-    """Service of the process, whose certificate is shown at a secure endpoint; empty = that of tools."""
+    """Service whose certificate the process shows at a secure endpoint; empty = the identity of tools."""
     secret: str = field(default="", repr=False)
     """Secret with which processes of this system make and check their names (see `seals`); empty = none."""
 

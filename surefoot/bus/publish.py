@@ -36,9 +36,7 @@ _TO_PARTICIPANTS = {
 Heartbeats and other status have a priority, and so a queue of each link, that nothing else uses."""
 
 FRAME, BATCH = "@frame/{}", "@batch/{}"
-"""Keys of what a service publishes (``driver``: the simulator or a hardware driver) in each tick and in some ticks.
-
-A chunk that begins with ``@`` is matched by itself only: whoever subscribes to ``**`` does not get frames."""
+"""`FRAME`, `BATCH`: keys of the messages that a service (``{}``) publishes in one tick, and in several ticks."""
 
 
 def participants_key(row: Topic[Any] | Query[Any, Any], instance: str) -> str:
