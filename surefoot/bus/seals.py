@@ -17,7 +17,7 @@ DRIVER = "driver"
 VARIABLE = "SUREFOOT_SECRET"
 """Environment variable by which the supervisor passes its secret to the processes that it starts."""
 DRAWN, BORN, SEAL = 4, 12, 16
-"""Lengths of the parts of a sealed name, digits: `DRAWN` ``f`` and random ones, `BORN` of the time, `SEAL` of the hash."""
+"""Lengths of parts of a sealed name: `DRAWN` ``f`` and random digits, `BORN` digits of the time, `SEAL` of the hash."""
 BLOCK = 64
 """Length of a block of SHA-256, bytes."""
 MOST_KNOWN = 1024
