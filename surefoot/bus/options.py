@@ -21,14 +21,14 @@ LEASE_MS = 1000
 """Time without a sign of life after which a link to a process counts as lost, ms."""
 CONNECT_TIMEOUT_MS = 8000
 QUEUE_BATCHES = 16
-"""Most batches (one frame, or 64 KiB of a map) that wait for the thread that sends them; Zenoh's limit. Of its default
-of two the third message within 1 ms is dropped when that thread waits for a processor."""
+"""Largest number of batches (one frame, or 64 KiB of a map) that wait for the sending thread of a link: Zenoh's limit.
+With its default of two the third message within 1 ms is dropped while that thread waits for a processor."""
 DROP_AFTER_US = 20_000
-"""Time for which a message waits once for room on a link before it and those after it are dropped, until there is room
-again: longer than a busy machine holds up a thread that sends, shorter than a robot feels."""
+"""Longest wait of a message for room on a link, us; then it and those after it are dropped until there is room. Longer
+than a busy machine delays a sending thread, too short to disturb a robot."""
 MOST_PENDING, ACCEPT_MS = 512, 5000
-"""Connections that have not yet named themselves, and the time after which such a one is closed: a hundred silent ones
-for 10 s, which Zenoh allows, keep everybody else out."""
+"""`MOST_PENDING`: largest number of connections without a completed handshake; `ACCEPT_MS`: time after which such a
+connection is closed, ms; with Zenoh's defaults (10 s) a hundred silent ones keep everybody else out."""
 ROUTER_READERS = 32
 """Number of threads with which the process of a router reads; more than Zenoh's two, as one frozen client blocks
 one."""

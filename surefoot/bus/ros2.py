@@ -27,7 +27,7 @@ INSTALL = "pip install 'surefoot[ros2]'"
 QOS = "::,10:,:,:,,"
 """Quality of service in every liveliness token: reliable, volatile, history of the newest 10 messages."""
 LEAK_NS = TICK_NS // 10_000
-"""Growth of the offset of two clocks in a tick, ns: 100 ppm, the most by which clocks differ."""
+"""Growth per tick of the estimated offset of two clocks, ns: 100 ppm, the largest drift between clocks."""
 GRID_MAP = {
     "grid_map_msgs/msg/GridMapInfo": (
         "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose\n"

@@ -24,8 +24,8 @@ LOW_M = 0.005
 UP_TICKS = 50
 """Number of ticks over which the accelerometer is averaged to find the direction of gravity."""
 BACK_NS, AHEAD_NS = 1_000_000_000, 10_000_000_000
-"""Steps of an inertial stamp, back and ahead, ns, from which the clock has jumped; a smaller step back is a late
-sample. Joints and feet so far from the newest inertial row are refused: theirs is another clock."""
+"""Steps of an inertial stamp, ns, beyond which the clock counts as having jumped: `BACK_NS` back, `AHEAD_NS` ahead; a
+smaller step back is a late sample. Joint and foot samples so far from the newest inertial one are refused."""
 SILENT_NS = 1_000_000_000
 """Time without a foot sample after which contacts are derived from the heights of the feet again, ns."""
 MOST_FEET = 20_000

@@ -20,11 +20,12 @@ NAMED = ("epoch_ahead", "stale_epoch", "too_far_ahead", "stamp", "conflict", "to
 """Codes of refused inputs for which the log names key and process."""
 
 SENDER_BYTES, SMALL_BYTES = 16 << 20, 4096
-"""Most bytes that one service's inputs of ticks to come may hold; an input up to the second size is not counted."""
+"""`SENDER_BYTES`: most bytes of waiting inputs of one service; `SMALL_BYTES`: input size up to which it is not
+counted."""
 
 MISLED_PRIMES = 3
-"""Primes of a run that has not begun, without a tick between them, after which a service that has done ticks of that
-run was misled. More than one, because the network may deliver a prime twice, and late."""
+"""Number of primes in a row of a run not yet begun, after which a service that did ticks of that run counts as misled
+by another process. More than one, because the network may deliver a prime twice, and late."""
 
 MAX_AHEAD = 64
 """Largest lead of an input over the newest tick, ticks; an input further ahead is refused."""
@@ -35,12 +36,12 @@ STAMP_SLACK_NS = 1_000_000_000
 """Tolerance of an input's stamp, ns, before the beginning of the run and after the input's own tick; else refused."""
 
 PATIENCE_TICKS = 2
-"""In paced mode a tick whose inputs are incomplete is taken when this many later ticks have come, or the driver has
-repeated the newest so often: it does before a pause and at the end, where no later one comes."""
+"""Number of later ticks, or of repetitions of the newest tick by the driver, after which a tick with missing inputs is
+done in paced mode; the driver repeats before a pause and at the end."""
 
 BACKLOG_TICKS = 8
-"""In paced mode a service this far behind leaves ticks out. In order until then: services that leave out every second
-tick would lack each other's messages in the others, and do so for ever."""
+"""Lag in paced mode, ticks, from which a service skips ticks; below it all ticks are done in order, as services that
+skip every second tick would lack each other's messages for ever."""
 
 BATCH_PATIENCE_TICKS, BATCH_BACKLOG_TICKS = 30, 1000
 """`BATCH_PATIENCE_TICKS`, `BATCH_BACKLOG_TICKS`: as `PATIENCE_TICKS`, `BACKLOG_TICKS`; for ticks in batches of ten."""

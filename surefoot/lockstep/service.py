@@ -49,9 +49,9 @@ class Service(Generic[C]):
     """True if the service may receive several ticks at a time, as no participant awaits its output; False: one by
     one."""
     limits: Mapping[str, int] = {}
-    """Ages beyond which an input is late, ns of simulated time, by key, 0 = never; the others: three of its periods,
-    at least 100 ms (``surefoot.lockstep.ages``). Read at the begin of each epoch. ``TickInputs.late`` names the late
-    ones, as do log, health and report."""
+    """Age of an input, ns of simulated time, above which it counts as late, by key; 0 = never. Default: three periods
+    of the input, at least 100 ms (``surefoot.lockstep.ages``). Read when an epoch begins; late inputs are named in
+    ``TickInputs.late``, the log, health and the report."""
     raw: ClassVar[bool] = False
     """True if inputs are passed on undecoded, as ``Delivery``; False: as decoded messages."""
 

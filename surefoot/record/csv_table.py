@@ -30,7 +30,8 @@ GROUPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("external_quat_wxyz", "external_{}", (), WXYZ), ("contact", "contact{}", (r"contact(\d+)",), ()),
     ("touch", "contact{}_{}", (r"contact(\d+)_0", r"contact0_(\d+)"), ()), ("force", "force{}", (r"force(\d+)",), ()),
 )  # fmt: skip
-"""CSV columns that make one: its name, their template, patterns of those that are counted, labels of the last axis."""
+"""Groups of CSV columns that form one array: name of the array, column template, patterns of the counted indices,
+labels of the last axis."""
 NUMBER_WITH_COMMA = re.compile(r"^[+-]?\d+,\d+([eE][+-]?\d+)?$")
 WHOLE = re.compile(r"\s*-?([0-8]?\d{1,18})\s*")
 """Pattern of an integer stamp, ns, that fits into 64 bits."""
