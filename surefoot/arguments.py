@@ -16,7 +16,7 @@ from surefoot.errors import shown as shown
 from surefoot.nearest import did_you_mean
 
 WIDEST_ANGLE = 12.6
-"""Largest joint angle, rad; more is taken for degrees."""
+"""Largest absolute joint angle, rad; a larger one is refused, as probably in degrees."""
 
 
 def array(

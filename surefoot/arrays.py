@@ -10,7 +10,7 @@ Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 Record = Any
-"""Numbers that kernels and Python read and write by name, as in `action.forward`; records of a kind make an array."""
+"""Type of a NumPy record whose float64 fields kernels and Python read and write by name, as in `action.forward`."""
 
 
 def named(*names: str) -> np.dtype[Any]:

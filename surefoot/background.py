@@ -12,10 +12,10 @@ Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
 
 NICE = 5
-"""Niceness of threads beside the one of the ticks, which goes first."""
+"""Niceness of threads other than the one that runs ticks, so that ticks have priority."""
 
 MOST_WAITING = 8
-"""Most requests that wait for the thread, the one in work included."""
+"""Largest number of requests that wait or are being answered; a further one is refused as `busy`."""
 
 
 def be_nice() -> None:

@@ -65,7 +65,7 @@ def _query(query: Query[Any, Any] | str) -> Query[Any, Any]:
 
 
 def _known(key: str, keys: list[str], others: list[str], other: str) -> str:
-    """Where the key belongs, else the nearest of many keys, or all when none is near."""
+    """Return a hint on an unknown key: the kind of row it belongs to, else the nearest keys, or all if none is near."""
     if key in others:
         return f"; it is {other} {key}`"
     return did_you_mean(key, keys) or f"; known are {', '.join(keys)}"
@@ -78,7 +78,7 @@ class Client:
         self.bus = bus
         self._closed = False
         self.refused: Counter[str] = Counter()
-        """Messages that were none of their topic, by key; they are left out."""
+        """Number of messages left out because they were not valid for their topic, by key."""
 
     def __enter__(self) -> Self:
         return self

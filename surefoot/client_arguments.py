@@ -7,7 +7,7 @@ from typing import Any
 from surefoot.errors import FieldError, InvalidField, shown
 
 LONGEST_S = 1e9
-"""Longest wait that can be asked for, s."""
+"""Largest wait that a caller may request, s of wall time; a larger one is refused."""
 _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/(\[[^\]]*\]|[^/]*):\d+.*")
 _PART = re.compile(r"[^/*$#?]+(/[^/*$#?]+)*")
 

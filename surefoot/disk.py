@@ -7,7 +7,7 @@ from errno import ESPIPE
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
-"""Folder of the package; in a checkout its floors are links to the folders beside it."""
+"""Folder of the installed package; in a checkout some of its subfolders are links to folders beside it."""
 
 
 def regular_size(path: Path) -> int:

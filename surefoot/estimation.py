@@ -41,7 +41,7 @@ __all__ = [
 
 MOST_FEET = 16
 ROUNDING = 1e-6
-"""By how much a probability may miss 0 and 1."""
+"""Tolerance of a contact probability below 0 and above 1, no unit; beyond it the contact is refused."""
 _OF_STAMPS = (InputResult.DUPLICATE, InputResult.BACKWARD, InputResult.LATE, InputResult.AHEAD)
 _UNITS = {"position": "m", "yaw": "rad", "velocity": "m/s"}
 _ALLOWED = {
@@ -209,7 +209,7 @@ def _refuse(field: str, result: InputResult, got: str, allowed: str = "") -> NoR
 
 
 def _numbers(values: Any) -> Array:
-    """Return values as numbers of their shape, none if they are no numbers."""
+    """Return values as an array of numbers in their shape, empty if they are no numbers."""
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

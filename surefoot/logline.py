@@ -19,7 +19,7 @@ class LogLine:
     level: str
     service: str
     tick: int | None
-    """Last tick the service had done; None before the first of a run."""
+    """Number of the last tick that the service had finished; None = before the first tick of a run."""
     text: str
 
 

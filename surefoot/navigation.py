@@ -28,13 +28,13 @@ from surefoot.services.navigator.planning.route import plan as plan_route
 __all__ = ["Clearance", "FloorGrid", "PlannedRoute", "PoseFilter", "grid", "plan"]
 
 FAR = 1e5
-"""Largest coordinate and way, m."""
+"""Largest absolute coordinate, and largest distance of a landmark, m; larger ones are refused."""
 LONGEST_MOTION = 100.0
-"""Longest motion of one prediction, m; more is taken for millimetres."""
+"""Largest motion of one prediction, m; a longer one is refused, as probably in millimetres."""
 BESIDE = 0.2
-"""Width of the strip beside an obstacle in which a route is dearer, m."""
+"""Width of the strip beside an obstacle's clearance in which a route costs more, m."""
 WIDEST_TURN = 6.3
-"""Largest angle, rad; more is taken for degrees."""
+"""Largest absolute angle, rad; a larger one is refused, as probably in degrees."""
 
 
 class PoseFilter:

@@ -10,11 +10,10 @@ BROKEN_NPZ = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, ValueError, EOFError, KeyError, TypeError,
     AttributeError, OverflowError, MemoryError, RuntimeError,
 )  # fmt: skip
-"""Errors of zip, its ways of packing and numpy, besides OSError, which without an errno is a damaged bzip2 stream.
-A member that is encrypted, or packed in a way of another version, raises a RuntimeError."""
+"""Exceptions, besides OSError, that reading a damaged, encrypted or unsupported NPZ file may raise."""
 
 MAGIC = b"PK\x03\x04"
-"""First bytes of an NPZ file, which is a zip archive."""
+"""First bytes of an NPZ file, which is a zip archive: the signature by which it is recognised."""
 
 
 def damage_of(path: Path) -> str:

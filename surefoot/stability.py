@@ -25,9 +25,10 @@ from surefoot.services.stability.regions.region import region as region_of
 __all__ = ["ContactSet", "Region", "contacts", "forces", "lifts", "margin", "region"]
 
 WIDEST = 10.0
-"""Largest distance of two contacts, and of the centre of mass from one, m; more is taken for millimetres."""
+"""Largest distance between two contacts along an axis, and of the centre of mass from the nearest contact, m; larger
+ones are refused."""
 MOST_DIRECTIONS = 4096
-"""Most directions of a region."""
+"""Largest number of search directions for the border of a support region; more are refused."""
 
 
 def contacts(points: ArrayLike, normals: ArrayLike | None = None, friction: ArrayLike = 0.5) -> ContactSet:

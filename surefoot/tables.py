@@ -15,7 +15,7 @@ from surefoot.errors import FieldError
 from surefoot.nearest import did_you_mean
 
 UNIT_SLACK = 1e-6
-"""Largest difference from 1 of the length of a unit vector in a file."""
+"""Largest deviation from 1 of the length of a unit vector in a file; a larger one is refused."""
 
 Text = Annotated[str, Field(strict=True, min_length=1)]
 Name = Annotated[str, Field(strict=True, pattern="^[a-z][a-z0-9_]*$")]
@@ -26,7 +26,7 @@ Whole = Annotated[int, Field(strict=True)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 CODES = ("missing", "type", "value", "unknown_key", "unknown_name", "duplicate")
-"""Codes of refused fields, and the types of the errors that validators raise with `refused`."""
+"""Codes of fields that are refused in a hand-written file; validators raise errors of these types by `refused`."""
 _UNKNOWN = ("extra_forbidden", "invalid_key", "unexpected_keyword_argument")
 _LENGTHS = ("too_short", "too_long", "string_too_short")
 

@@ -26,9 +26,9 @@ from surefoot.services.footholds.patch import MAX_SIDE, PatchFoothold, choose_on
 __all__ = ["HeightMap", "LearnedModel", "PatchFoothold", "foothold", "generate", "load", "save", "slip_model"]
 
 HIGHEST = 100.0
-"""Largest height on a patch, m; more is taken for millimetres."""
+"""Largest absolute height in a terrain patch, m; a larger one is refused, as probably in millimetres."""
 LARGEST_FOOT, LARGEST_CELL, LONGEST_STROKE = 0.5, 0.5, 2.0
-"""Largest radius of a foot, cell and stroke, m; more is taken for millimetres."""
+"""Largest foot radius, cell edge and component of a foot's stroke, m; larger ones are refused."""
 
 
 def slip_model(source: str | PathLike[str] = "ragno") -> LearnedModel:

@@ -24,7 +24,7 @@ from surefoot.errors import CallError
 from surefoot.schemas.topics import HEALTH_GET, Query
 
 LIVE, STARTS = "alive", "starts"
-"""First words of the tokens of a process: of one that is ready, and of one from its start on."""
+"""First words of liveliness-token keys of a process: `LIVE` of one that is ready, `STARTS` of one from its start on."""
 TOKENS_S = 0.5
 """Limit on the wait for the liveliness tokens of a service, s; tokens come in a millisecond."""
 MEANWHILE_S = 0.5
@@ -35,7 +35,7 @@ class Asking:
 
     def __init__(self, session: zenoh.Session, namespace: str) -> None:
         self.refused: Counter[tuple[str, str]] = Counter()
-        """Answers of other processes, by key and process."""
+        """Number of refused answers of processes that do not own the query, by key and process."""
         self._session, self._namespace = session, namespace
         self._queriers: dict[tuple[str, bool, float], tuple[str, zenoh.Querier]] = {}
         """Key and querier by query, whether one process is asked, and timeout. One that asked a process that has been
@@ -153,6 +153,6 @@ def _next(
 
 
 def _replier(reply: zenoh.Reply) -> str:
-    """Return the name of the session that answered; "" where the router itself did."""
+    """Return the name of the session that answered; empty = the router itself answered."""
     by = reply.replier_id
     return "" if by is None else str(by.zid)

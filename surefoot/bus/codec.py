@@ -12,10 +12,10 @@ from surefoot.schemas.base import Bulk, BulkRequest, Header, Message, Wire
 W = TypeVar("W", bound=Wire)
 
 MAX_JSON_BYTES = 1 << 20
-"""A JSON payload beyond 1 MiB is refused: the largest message of ours is a few kB."""
+"""Largest JSON payload, bytes; a larger one is refused."""
 
 MAX_BULK_BYTES = 64 << 20
-"""A 4096 x 4096 float32 map is 64 MiB."""
+"""Largest raw array of a message, bytes, which a 4096 x 4096 float32 map fills; a larger one is refused."""
 
 _JSON = "application/json"
 _OCTETS = "application/octet-stream"
@@ -33,7 +33,8 @@ def encoding_of(model: type[Wire]) -> str:
 
 @cache
 def _plain(model: type[Wire]) -> bool:
-    """No model of raw bytes. Kept: pydantic's classes are abstract, and asking one costs more than a small message."""
+    """Return whether a model carries no raw bytes; the result is cached, as the test costs more than a small
+    message."""
     return not issubclass(model, (Bulk, BulkRequest))
 
 
@@ -94,7 +95,7 @@ def refusal_of(error: ValidationError, what: str) -> Refusal:
 
 
 def _shown(name: str) -> str:
-    """Return the name of a field that a sender chose, for a sentence: of one line, and not long."""
+    """Return the name of a field that a sender chose, shortened and on one line, for an error message."""
     name = name if name.isprintable() else repr(name)[1:-1]
     return name if len(name) <= 60 else name[:57] + "..."
 
@@ -114,7 +115,7 @@ def first_complaint(error: ValidationError) -> ErrorDetails:
 
 
 def _sent(complaint: ErrorDetails) -> tuple[int | str, ...]:
-    """Return the path of a complaint as it was sent: union members are called ``constrained-int``, ``tuple[...]``."""
+    """Return the path of an invalid field as it was sent, without pydantic's names of union members."""
     loc = complaint["loc"]
     last = len(loc) - 1 if complaint["type"] == "extra_forbidden" else len(loc)
     return tuple(part for i, part in enumerate(loc) if i >= last or isinstance(part, int) or part.isidentifier())

@@ -11,7 +11,7 @@ from surefoot.bus.mesh import tokens_of
 from surefoot.bus.options import ZenohOptions
 
 JOIN_MS = 1000
-"""Limit on the time to join the network once more, ms."""
+"""Limit on the time to join the network a second time, ms."""
 
 
 def others_running(session: zenoh.Session, options: ZenohOptions) -> str:

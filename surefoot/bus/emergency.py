@@ -14,7 +14,7 @@ from surefoot.bus.endpoint import any_port, is_secure, settings_file
 
 STOP, STATUS = "cmd/estop", "sim/status"
 FIRST_S, MOST_S = 0.005, 0.1
-"""A stop that is not confirmed is repeated after 5 ms, then after twice as long each time, at most 0.1 s."""
+"""`FIRST_S`: wait before an unconfirmed stop is sent again, s, doubled each time; `MOST_S`: largest such wait, s."""
 
 
 class Confirmed(NamedTuple):
@@ -86,7 +86,7 @@ class Stopper:
         return None
 
     def _next(self, until: float) -> dict[str, Any] | None:
-        """Return the next status that is one, None after ``until``."""
+        """Return the next valid status of the driver, None if none comes before wall time ``until``."""
         while True:
             try:
                 found = json.loads(self._heard.get(timeout=max(0.0, until - time.monotonic())))

@@ -18,13 +18,13 @@ from surefoot.errors import Refusal
 from surefoot.schemas.topics import Topic
 
 MAX_FRAME_BYTES = 8 * MAX_JSON_BYTES
-"""A frame or batch beyond 8 MiB is refused: those of ours have some 100 kB, with a camera."""
+"""Largest frame or batch, bytes; a larger one is refused."""
 MAX_INDEX_BYTES = 1 << 18
-"""An index beyond 256 KiB is refused: that of a batch has some kB."""
+"""Largest index of a frame, bytes; a frame with a larger one is refused."""
 PRIME_BYTES = 1 << 14
-"""Most bytes of a frame that tests links (prime): those of ours have 1 to 2 kB."""
+"""Largest frame that tests links before tick 0 (prime), bytes."""
 MAX_INSTANCE = 64
-"""Most characters of a process's name: those of ours have 32, and a refused one is logged."""
+"""Largest length of a process name in a frame, characters."""
 
 _new: Callable[..., Any] = cast(Any, tuple).__new__  # of any tuple, without the checks of its class
 

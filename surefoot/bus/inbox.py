@@ -15,10 +15,10 @@ from surefoot.bus.frame import Frame
 from surefoot.schemas.topics import HEALTH
 
 _AWAKE = {""}
-"""Awaits an owner that does not exist: a reader that is awake looks by itself before it sleeps."""
+"""Awaited set of a reader that is awake; it names no service, so no item wakes the reader."""
 
 SMALL_BYTES, FEW = 4096, 256
-"""An item up to this size is queued without counting its bytes while so few wait: 1 MiB at most, and most items."""
+"""`SMALL_BYTES`: size up to which an item is queued without counting its bytes, while fewer than `FEW` items wait."""
 TICK_ITEMS, TICK_BYTES = 8192, 96 << 20
 QUERY_ITEMS, QUERY_BYTES = 256, 96 << 20  # a request may bring a map of 64 MiB
 OBSERVED_ITEMS, OBSERVED_BYTES = 256, 4 << 20  # and as much for heartbeats

@@ -56,7 +56,7 @@ class Delivery:
     ) -> None:
         self.topic = topic
         self.sender = sender
-        """Process that published the message; empty = the bus does not know."""
+        """Name of the process that published the message; empty = unknown to the bus."""
         self._message = message
         self._raw = raw
         self._stamp = stamp
@@ -126,7 +126,7 @@ class Incoming(Protocol):
 
     query: Query[Any, Any]
     participant: bool
-    """It came on the way of participants."""
+    """True if the query came on the key for participants; False: on the key for all clients."""
 
     @property
     def probe(self) -> bool:
@@ -185,7 +185,7 @@ class Bus(Protocol):
     must only queue what they get."""
 
     apart: bool
-    """Other processes act while one waits in a call."""
+    """True if other processes run while one waits in a call; False: all services share one process."""
 
     def publisher(self, topic: Topic[M], instance: str = "") -> Publisher[M]:
         """Return the only publisher of a key; ``instance`` names the process in its frames."""

@@ -76,7 +76,8 @@ class MemoryBus:
         self._sinks: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._families: list[tuple[str, Callable[[Delivery], Any]]] = []
         self._servers: dict[str, dict[str, tuple[Callable[[Incoming], Any], Callable[[Incoming], Any]]]] = {}
-        """Sinks of any client's queries and of participants' by key and process."""
+        """Functions that receive queries, by key and process: one for those of any client, one for those of
+        participants."""
         self._owners: dict[str, str] = {}
         self._pumps: dict[str, Callable[[], bool]] = {}
         self._routes: dict[str, list[Callable[[Delivery], Any]]] = {}
@@ -156,7 +157,7 @@ class MemoryBus:
             return False
 
     def _owner(self, query: Query[Any, Any]) -> str:
-        """Return the process that shows the token of a query's owner and serves it, "" = there is none."""
+        """Return the process that shows the token of a query's owner and serves the query; empty = there is none."""
         servers = self._servers.get(query.key, {})
         shown = [life.instance for life in self._alive if life.service == query.owner and life.instance in servers]
         if self._owners.get(query.owner) in shown:

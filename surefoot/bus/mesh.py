@@ -18,11 +18,11 @@ from zenoh.handlers import Callback
 from surefoot.bus.unread import LinkTrouble
 
 INTRODUCE_S = 1.0
-"""Time for which the session that introduces stays; processes of one machine or network link in some milliseconds."""
+"""Time for which the session that makes Zenoh link all processes to each other stays open, s."""
 ROUTER_S = 1.0
-"""Limit on the wait for the router, s; it answers in some milliseconds, and is asked again at the next look."""
+"""Limit on the wait for an answer of the router, s; after it the router is asked again at the next check."""
 LOOKS = 5
-"""Answers of the router in a row that lack a process after which it has ended, however little they hold."""
+"""Number of answers of the router in a row without a process after which the process counts as ended."""
 
 
 class Mesh:

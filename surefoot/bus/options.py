@@ -16,24 +16,24 @@ from surefoot.errors import ConfigError
 
 DEFAULT_FLEET = "surefoot"
 RUNTIME = "ZENOH_RUNTIME"
-"""Variable of the environment from which Zenoh takes the number of its threads at the first session of a process."""
+"""Environment variable from which Zenoh takes its numbers of threads at the first session of a process."""
 LEASE_MS = 1000
-"""A frozen process is noticed after this time; a crash at once (Zenoh's default is 10 s)."""
+"""Time without a sign of life after which a link to a process counts as lost, ms."""
 CONNECT_TIMEOUT_MS = 8000
 QUEUE_BATCHES = 16
-"""Most batches (one frame, or 64 KiB of a map) that wait for the thread that sends them; Zenoh's limit. Of its default
-of two the third message within 1 ms is dropped when that thread waits for a processor."""
+"""Largest number of batches (one frame, or 64 KiB of a map) that wait for the sending thread of a link: Zenoh's limit.
+With its default of two the third message within 1 ms is dropped while that thread waits for a processor."""
 DROP_AFTER_US = 20_000
-"""Time for which a message waits once for room on a link before it and those after it are dropped, until there is room
-again: longer than a busy machine holds up a thread that sends, shorter than a robot feels."""
+"""Longest wait of a message for room on a link, us; then it and those after it are dropped until there is room. Longer
+than a busy machine delays a sending thread, too short to disturb a robot."""
 MOST_PENDING, ACCEPT_MS = 512, 5000
-"""Connections that have not yet named themselves, and the time after which such a one is closed: a hundred silent ones
-for 10 s, which Zenoh allows, keep everybody else out."""
+"""`MOST_PENDING`: largest number of connections without a completed handshake; `ACCEPT_MS`: time after which such a
+connection is closed, ms; with Zenoh's defaults (10 s) a hundred silent ones keep everybody else out."""
 ROUTER_READERS = 32
-"""Threads with which the process of a router reads. Zenoh has two, and closing the link to a client that is frozen
-with a full queue takes one of them for seconds: three such clients silenced all services until these were ended."""
+"""Number of threads with which the process of a router reads; more than Zenoh's two, as one frozen client blocks
+one."""
 SHARED_FROM = 512
-"""Bytes of the smallest message that travels by shared memory, where that is on."""
+"""Smallest size of a message that travels by shared memory, bytes, if SUREFOOT_SHARED_MEMORY is 1."""
 
 
 def shares_memory() -> bool:
@@ -53,12 +53,12 @@ class ZenohOptions:
     """Mode, endpoints, namespace and identity with which a Zenoh session joins the network."""
 
     mode: str = "peer"
-    """router (the supervisor), peer (services), client (tools)."""
+    """Mode of the Zenoh session: ``router`` (the supervisor), ``peer`` (services) or ``client`` (tools)."""
     connect: tuple[str, ...] = (DEFAULT_ENDPOINT,)
     listen: tuple[str, ...] = ()
     namespace: str = f"{DEFAULT_FLEET}/ragno"
     identity: str = ""
-    """Service of the process, whose certificate is shown at a secure endpoint; empty = that of tools."""
+    """Service whose certificate the process shows at a secure endpoint; empty = the identity of tools."""
     secret: str = field(default="", repr=False)
     """Secret with which processes of this system make and check their names (see `seals`); empty = none."""
 

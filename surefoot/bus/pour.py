@@ -15,7 +15,7 @@ from typing import Any
 import zenoh
 
 MOST_HZ = 2000.0
-"""Messages per s of one key that are only observed, and queries per s of one key, beyond which some are dropped."""
+"""Largest rate of observed messages of one key, or of queries of one key, 1/s; those beyond it are dropped."""
 REST_S = 0.02  # s, how long a full reader is left alone
 BURST = 64
 

@@ -32,13 +32,11 @@ _TO_PARTICIPANTS = {
     Kind.LATCHED: (_DROP, zenoh.Priority.DATA, False),
     Kind.STATUS: (_DROP, zenoh.Priority.INTERACTIVE_LOW, False),
 }
-"""Kinds whose messages go to participants under keys of their own: a flood on the common key does not displace them.
-Heartbeats and other status have a priority, and so a queue of each link, that nothing else uses."""
+"""Congestion control, priority and batching of kinds whose messages go to participants under keys of their own, so that
+a flood on the common key does not displace them; status has a priority, and so a queue, of its own."""
 
 FRAME, BATCH = "@frame/{}", "@batch/{}"
-"""Keys of what a service publishes (``driver``: the simulator or a hardware driver) in each tick and in some ticks.
-
-A chunk that begins with ``@`` is matched by itself only: whoever subscribes to ``**`` does not get frames."""
+"""`FRAME`, `BATCH`: keys of the messages that a service (``{}``) publishes in one tick, and in several ticks."""
 
 
 def participants_key(row: Topic[Any] | Query[Any, Any], instance: str) -> str:

@@ -12,11 +12,11 @@ from queue import Full, Queue
 from time import sleep
 
 LARGE = 16 << 10
-"""Size from which a reply is sent by the thread, bytes."""
+"""Size of a reply, bytes, from which the thread sends it; a smaller one is sent at once."""
 WAITING = 8
-"""Most replies in the queue."""
+"""Largest number of replies in the queue; a request beyond it is refused as ``busy``."""
 BYTES_PER_S = 32e6
-"""Highest mean rate, bytes/s: a map of 400 x 400 cells takes 20 ms."""
+"""Largest mean rate of large replies, bytes/s; a map of 400 x 400 cells takes 20 ms."""
 
 
 class Replies:

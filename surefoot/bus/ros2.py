@@ -25,9 +25,9 @@ from surefoot.schemas.topics import TICK_NS
 INSTALL = "pip install 'surefoot[ros2]'"
 """Command that adds the types of ROS 2."""
 QOS = "::,10:,:,:,,"
-"""Quality of service of every token: reliable, volatile, the newest 10."""
+"""Quality of service in every liveliness token: reliable, volatile, history of the newest 10 messages."""
 LEAK_NS = TICK_NS // 10_000
-"""Growth of the offset of two clocks in a tick, ns: 100 ppm, the most by which clocks differ."""
+"""Growth per tick of the estimated offset of two clocks, ns: 100 ppm, the largest drift between clocks."""
 GRID_MAP = {
     "grid_map_msgs/msg/GridMapInfo": (
         "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose\n"
@@ -50,8 +50,7 @@ BASE_STATE = {
         "float64[3] linear_acceleration\nfloat64[3] angular_acceleration\nfloat64[4] stance_status\n"
     ),
 }
-"""State of the base for Quadruped-PyMPC: that of its `/base_state`, and the flat one of its `/dls2/base_state`.
-These and `GRID_MAP` are types that the store of `rosbags` lacks."""
+"""Definitions of the message types of Quadruped-PyMPC for the state of the base, which `rosbags` lacks."""
 _TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 

@@ -21,7 +21,7 @@ KINDS = {
     "cmd_vel": "geometry_msgs/msg/Twist", "BaseState": "dls2_interface/msg/BaseState",
     "BaseStateMsg": "dls2_msgs/msg/BaseStateMsg",
 }  # fmt: skip
-"""Types of ROS messages by what the messages carry."""
+"""ROS message types by the content that they carry, such as `imu`."""
 UNKNOWN = -1.0
 """First element of a covariance that is not known (sensor_msgs)."""
 
@@ -146,7 +146,7 @@ def base_state_message(
 
 
 def _four(stance: Sequence[bool]) -> Array:
-    """Return the first four flags as numbers (4,), 0 where there are fewer feet."""
+    """Return the contacts of the first four feet as numbers (4,), 1 = stands; 0 where there are fewer feet."""
     out = np.zeros(4)
     out[: len(stance)] = stance[:4]
     return out

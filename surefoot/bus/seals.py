@@ -15,17 +15,17 @@ from typing import Any
 
 DRIVER = "driver"
 VARIABLE = "SUREFOOT_SECRET"
-"""Variable of the environment by which the supervisor passes the secret on to the processes that it starts."""
+"""Environment variable by which the supervisor passes its secret to the processes that it starts."""
 DRAWN, BORN, SEAL = 4, 12, 16
-"""Digits of the three parts of a name: `DRAWN` at random, `BORN` of the time, `SEAL` of the hash."""
+"""Lengths of parts of a sealed name: `DRAWN` ``f`` and random digits, `BORN` digits of the time, `SEAL` of the hash."""
 BLOCK = 64
 """Length of a block of SHA-256, bytes."""
 MOST_KNOWN = 1024
-"""Names whose check is remembered: strangers may show any number."""
+"""Largest number of process names whose check is cached."""
 
 
 def new_secret() -> str:
-    """Return a new secret, 32 hexadecimal digits drawn by lot."""
+    """Return a new secret of 32 random hexadecimal digits."""
     return secrets.token_hex(16)
 
 
@@ -67,7 +67,7 @@ def seal_of(secret: str, name: bytes, index: bytes, payload: bytes) -> bytes:
 
 @lru_cache(4)
 def _begun(key: bytes) -> Any:
-    """Return the hash of a key that fills its first block; what is sealed and the key again follow in a copy of it."""
+    """Return a SHA-256 hash that has taken in the key, padded to one block; callers continue on a copy."""
     return hashlib.sha256(key.ljust(BLOCK, b"\0"))
 
 

@@ -23,7 +23,7 @@ import zenoh
 _TAKEN_AT = 120  # of tcpi_bytes_acked in the kernel's struct tcp_info, whose fields keep their places
 _TCP_INFO_BYTES = 192
 FRESH_S = 0.2
-"""Age up to which the counters of all connections serve another session of the process, s; less than between looks."""
+"""Largest age of the byte counters of all connections at which they are reused instead of read again, s."""
 
 
 class Connection(NamedTuple):

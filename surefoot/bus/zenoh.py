@@ -33,9 +33,9 @@ from surefoot.schemas.rows import M, Rep, Req
 from surefoot.schemas.topics import Kind, Query, Topic
 
 KEEP = 10_000
-"""Newest messages of a key that are kept for an observer that does not read."""
+"""Largest number of messages of a key that wait for an observer; beyond it the oldest are dropped."""
 BOUNDED_KEEP = 64
-"""Most messages of a topic that wait for a service, and most queries of a key that are kept until it takes them."""
+"""Largest number of messages of a topic, or of queries of a key, that wait for a service."""
 PROBE = b"probe"
 CLOSE_S = 1.0  # s, how long a reader that works may delay the end
 PROBE_S = 0.2
@@ -310,7 +310,7 @@ def _raw(topic: Topic[Any], sample: zenoh.Sample, attachment: bytes | None) -> R
 
 
 def _guarded(guard: Guard, topic: Topic[Any], sample: zenoh.Sample) -> Delivery | None:
-    """Return a message to participants, None if it lacks the seal that those of its service have."""
+    """Return a message to participants; None if it lacks the seal that messages of its service need."""
     sealed, key = sample.attachment, str(sample.key_expr)
     attachment, seal = without_seal(None if sealed is None else sealed.to_bytes())
     raw, last = _raw(topic, sample, attachment), key.rpartition("/")[2]

@@ -23,13 +23,13 @@ from surefoot.geometry import heightmap_cells as cells
 
 FRAME = "map"
 SMALLEST_CELL, WIDEST_CELL = 1e-6, 1e3
-"""Limits of the edge of a cell, m."""
+"""Smallest and largest allowed edge of a map's cell, m."""
 MAX_CELLS = 16_000_000
-"""Largest number of cells, 4000 x 4000 or 64 MB: a larger map is taken for a mistake."""
+"""Largest allowed number of cells of a map (4000 x 4000, 64 MB); a larger map is refused."""
 
 
 FLOATS: tuple[type[Any], ...] = (float, np.floating)
-"""Types of floating-point numbers."""
+"""Types that count as floating-point numbers when fields of a map are checked."""
 
 
 def _integer(value: Any) -> Any:
@@ -62,7 +62,7 @@ class HeightMap:
     origin: tuple[float, float] = (0.0, 0.0)
     """x and y of the centre of cell [0, 0], m, frame `map`."""
     version: int = 0
-    """Rises with every change of content by the map's owner."""
+    """Version of the content of the map, which the map's owner raises with every change."""
 
     def __post_init__(self) -> None:
         z: NDArray[np.float32] = self._numbers("z", self.z)
@@ -215,7 +215,7 @@ class HeightMap:
 
     @property
     def _whole(self) -> cells.Part:
-        """All cells as a part: first row, end of the rows, first column, end of the columns."""
+        """Return all cells as a part: first row, end of the rows, first column, end of the columns (ends excluded)."""
         return (0, self.z.shape[0], 0, self.z.shape[1])
 
     def derived(self, z: NDArray[np.float32]) -> "HeightMap":
@@ -240,7 +240,8 @@ class HeightMap:
 
     @cached_property
     def sha256(self) -> str:
-        """Digest of geometry and heights (not of the version): two maps with equal content have equal digests."""
+        """Return the sha256 of geometry and heights, not of the version, hexadecimal; equal content gives equal
+        digests."""
         head = f"{self.z.shape[0]} {self.z.shape[1]} {self.cell!r} {self.origin[0]!r} {self.origin[1]!r} "
         return hashlib.sha256(head.encode() + self.to_bytes()).hexdigest()
 

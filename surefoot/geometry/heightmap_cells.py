@@ -12,7 +12,7 @@ from surefoot.kernels.jit import kernel, row_kernel
 
 Heights = NDArray[np.float32]
 Part = tuple[int, int, int, int]
-"""First row, end of the rows, first column, end of the columns; the ends are left out."""
+"""Rectangle of cells of a map: first row, end of the rows, first column, end of the columns; the ends are excluded."""
 
 
 Ball = tuple[NDArray[np.int64], NDArray[np.int64], Heights]
@@ -123,7 +123,8 @@ def ball(radius: float, cell: float) -> Ball:
 
 @row_kernel
 def _raise(source: Heights, lift: np.float32, target: Heights) -> None:
-    """Set target = max(target, source + lift) for rows of heights, (n,) m, in place; a NaN of source is left out."""
+    """Set target = max(target, source + lift) for a row of heights, (n,) m, in place; a NaN of source changes
+    nothing."""
     for j in range(target.shape[0]):
         value = source[j] + lift
         target[j] = value if value > target[j] else target[j]

@@ -14,13 +14,16 @@ from surefoot.geometry.heightmap_files import check_size, load, load_png
 
 GEOTIFF = (".tif", ".tiff")
 SUFFIXES = (".npz", ".asc", ".png", *GEOTIFF)
-"""Suffixes of files of heights that can be read."""
+"""Suffixes of the files from which height maps can be read."""
 PIXEL_SCALE, TIE_POINT, GEO_KEYS, NO_DATA = 33550, 33922, 34735, 42113
-"""Tags of GeoTIFF 1.1 (OGC 19-008), and that of GDAL for heights that are none."""
+"""`PIXEL_SCALE`, `TIE_POINT`, `GEO_KEYS`: tags of GeoTIFF 1.1 (OGC 19-008); `NO_DATA`: GDAL's tag of the value that
+marks unknown heights."""
 MODEL_TYPE, RASTER_TYPE = 1024, 1025
-"""Keys of the tag `GEO_KEYS`: 2 = degrees of latitude and longitude; 2 = a pixel is a point, not an area."""
+"""Keys in the GeoTIFF tag `GEO_KEYS`: `MODEL_TYPE`, where 2 = degrees of latitude and longitude; `RASTER_TYPE`, where 2
+= a pixel is a point, not an area."""
 UNITS, METRE = {3076: "ProjLinearUnits", 4099: "VerticalUnits"}, 9001
-"""Keys of the units of coordinates and of heights, and the unit that both must have."""
+"""`UNITS`: GeoTIFF keys of the units of coordinates and of heights; `METRE`: code of the only unit accepted for
+both."""
 
 
 def load_any(path: str | Path) -> HeightMap:
@@ -104,7 +107,7 @@ def load_geotiff(path: str | Path) -> HeightMap:
 
 
 _BROKEN_TIFF = (OSError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, EOFError, Warning)
-"""Errors of a reader in a damaged TIFF."""
+"""Exceptions that the TIFF reader may raise for a damaged file."""
 
 
 def _geometry(tags: dict[int, Any], name: str) -> tuple[float, tuple[float, float]]:

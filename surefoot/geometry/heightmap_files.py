@@ -15,7 +15,7 @@ from surefoot.npz import BROKEN_NPZ
 
 SCHEMA = "surefoot.geometry.heightmap/1"
 MAX_FILE_BYTES = 256_000_000
-"""Largest file that is read, bytes; also the limit of what a `.npz` may unpack to."""
+"""Largest size of a map file, and of the unpacked content of a `.npz`, bytes; a larger one is refused."""
 
 
 def save(heightmap: HeightMap, path: str | Path, **extra: str | int | float) -> Path:
@@ -180,7 +180,7 @@ def _check_sidecar(source: Path, sidecar: Path) -> None:
 
 
 def _number(word: str, field: str) -> float:
-    """Return the number that a word of a file is; NaN is one, infinite ones are not.
+    """Return a word of a file as a number; NaN is allowed, infinite values are not.
 
     `field`: part of the map, for errors.
 

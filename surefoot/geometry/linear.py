@@ -13,7 +13,7 @@ import numpy as np
 from surefoot.arrays import Array
 
 SWEEPS = 12
-"""Most sweeps of Jacobi's method; six make a 3x3 matrix diagonal to rounding."""
+"""Largest number of sweeps of Jacobi's method for the eigenvalues of a 3x3 matrix; six usually suffice."""
 
 
 def product(a: Array, b: Array) -> Array:

@@ -11,9 +11,10 @@ class Compiling:
 
     def __init__(self) -> None:
         self.used = False
-        """Kernels are there at all."""
+        """True once `surefoot.kernels.jit` was imported, so kernels may be compiled; False: the process has no
+        kernels."""
         self.done = 0
-        """Compilations that ended."""
+        """Number of kernel compilations that ended in this process."""
         self.last = ""
         """Name of the kernel that was compiled last."""
         self._depth = 0
@@ -55,4 +56,4 @@ class Compiling:
 
 
 COMPILING = Compiling()
-"""Compilation of kernels in this process, and its listeners."""
+"""Record of the kernel compilations in this process, and its listeners."""

@@ -18,7 +18,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class _Listener(event.Listener):  # pyright: ignore[reportUntypedBaseClass]
-    """Counts compilations; functions that are loaded from the cache are none.
+    """Counter of compilations by numba; functions loaded from the cache do not count.
 
     The collector of garbage rests meanwhile: it would go through all of numba's objects again and again, a sixth of
     the time of a compilation.
@@ -63,9 +63,10 @@ _load_without_scipy()
 import numba  # noqa: E402  # pyright: ignore[reportMissingTypeStubs] - after what has to be loaded without scipy
 
 TESTED = "0.68."
-"""Versions of numba whose inner parts `surefoot.kernels.linking` knows; others compile in numba's own way."""
+"""Prefix of the numba versions whose internals `surefoot.kernels.linking` supports; others compile by numba alone."""
 PLAIN = os.environ.get("SUREFOOT_KERNELS") == "plain" or not numba.__version__.startswith(TESTED)
-"""Kernels are compiled in numba's own way: the same results after half as long again in the compiler."""
+"""True if kernels are compiled by numba alone, with the same results; False: by the faster
+`surefoot.kernels.linking`."""
 
 if PLAIN:
     from surefoot.kernels.plain import PlainKernel as Kernel

@@ -27,7 +27,8 @@ def choose_processor() -> None:
 
 
 class _BesideSource(caching.InTreeCacheLocator):
-    """The folder beside the source, read only: for an installation where no folder can be written."""
+    """Locator of a cache in the folder beside the source, read only: for installations whose folders cannot be
+    written."""
 
     def ensure_cache_path(self) -> None:
         """Do nothing where numba makes the cache's folder: the files are read only."""
@@ -50,7 +51,7 @@ class KeptCache(caching.FunctionCache):
         beside = _BesideSource(py_func, py_func.__code__.co_filename).get_cache_path()
         brought = caching.IndexDataCacheFile(beside, self._impl.filename_base, own._source_stamp)
         self.files = (own,) if beside == self._cache_path else (own, brought)
-        """Indices of the files on disk, the one to write first."""
+        """Index files of the function on disk; the first is the one that is written."""
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         key = self._index_key(sig, target_context.codegen())
@@ -63,6 +64,6 @@ class KeptCache(caching.FunctionCache):
         return None
 
     def _save_overload(self, sig: Any, data: Any) -> None:
-        """Keep machine code; a folder that cannot be written, or a full disk, costs the next process its time only."""
+        """Store machine code; if the folder cannot be written or the disk is full, the next process compiles again."""
         with contextlib.suppress(OSError):
             super()._save_overload(sig, data)

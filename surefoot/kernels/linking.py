@@ -24,9 +24,9 @@ from numba.np import arrayobj
 from surefoot.kernels.kept import KeptCache, KeptImpl
 
 ENVIRONMENT = "_ZN08NumbaEnv"
-"""Prefix of the variables that hold the Python objects of a compiled function."""
+"""Prefix of the names of variables that hold the Python objects of a compiled function."""
 DYNAMIC = "numba.dynamic.globals"
-"""Prefix of the variables that hold addresses of one process: such code cannot be kept."""
+"""Prefix of the names of variables that hold addresses of one process; code with such a variable is not cached."""
 
 
 class Library(JITCodeLibrary):
@@ -41,7 +41,7 @@ class Library(JITCodeLibrary):
         self._linking_libraries.append(library)
 
     def _optimize_functions(self, ll_module: Any) -> None:
-        """Run the passes on single functions, prepared once for all of them."""
+        """Run the passes on each function of a module, with passes that are prepared once."""
         ll_module.data_layout = self._codegen._data_layout
         passes, builder = self._codegen._function_pass_manager()
         for function in ll_module.functions:
@@ -118,7 +118,7 @@ class Library(JITCodeLibrary):
 
 
 class _LinkedImpl(KeptImpl):
-    """Files of code to link, beside those of the machine code."""
+    """Storage of code to link, in files beside those of the machine code."""
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
         return super().get_filename_base(fullname, abiflags) + ".link"
@@ -143,7 +143,7 @@ class Linked(CPUDispatcher):
 
 
 class _Entries:
-    """Compiles a wrapper for Python around a linked function; in all else the compiler that numba gave the kernel."""
+    """Compiler that wraps a linked function for calls from Python; otherwise the one that numba gave the kernel."""
 
     def __init__(self, kernel: Any, compiler: Any) -> None:
         self._kernel, self._compiler = kernel, compiler

@@ -7,9 +7,10 @@ from functools import cache
 import llvmlite.binding as llvm
 
 LEVEL = "x86-64-v3"
-"""Level 3 of the x86-64 psABI, as LLVM names it."""
+"""Processor level for which kernels are compiled: level 3 of the x86-64 psABI, by LLVM's name."""
 NEEDS = frozenset(("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2", "xsave"))
-"""Features that a processor of that level has, by LLVM's names."""
+"""Processor features, by LLVM's names, that `LEVEL` needs; without all of them kernels are compiled for one
+processor."""
 
 
 @cache

@@ -103,7 +103,7 @@ class Ages:
         return [key for key in late if key not in before], [key for key in before if key not in late]
 
     def _age(self, newest: Mapping[str, Any], now: int) -> None:
-        """Bring the stamps up to the newest messages; who is awaited since now may take its limit to come."""
+        """Update the stamps from the newest messages; an input awaited only from now on may first reach its limit."""
         roster, absent = self._known
         for key, owner in self._owners.items():
             message, stamp = newest.get(key), self._stamps.get(key)

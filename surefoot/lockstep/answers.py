@@ -12,10 +12,10 @@ from surefoot.schemas.base import Request, TickRequest
 from surefoot.schemas.rows import MOST_TICKS
 
 NOT_READY_S = 2.0
-"""A query that asks about a tick which does not come is answered ``not_ready`` after this wall time."""
+"""Wall time after which a query about a tick that has not come is answered by the error ``not_ready``, s."""
 
 SENDERS = 4
-"""Requests of one key whose answers are kept for a repetition: of the processes that may ask at the same time."""
+"""Number of newest requests of each key whose answers are kept, for senders that repeat a request."""
 
 
 class LateAnswer(NamedTuple):
@@ -42,11 +42,11 @@ class Answers:
     ) -> None:
         self._put, self._refuse, self._clock = put, refuse, clock
         self.late = 0
-        """Queries whose answer is being worked out on another thread."""
+        """Number of queries whose answer is still being computed on another thread."""
         self._last: dict[str, deque[tuple[Request | None, Any]]] = defaultdict(lambda: deque(maxlen=SENDERS))
-        """Last requests of participants and their answers, by key."""
+        """Newest requests of participants and their answers, at most ``SENDERS`` by key of the query."""
         self.waiting: list[tuple[float, Incoming, TickRequest]] = []
-        """Queries about ticks that have not come, and since when, s."""
+        """Queries about ticks that have not come: wall time of arrival, s, query, and decoded request."""
 
     def begin(self) -> None:
         """Forget the answers of the last run, as the ticks of a new run have the same numbers."""

@@ -11,9 +11,9 @@ from surefoot.lockstep.join import DRIVER
 from surefoot.schemas.topics import HW_TICK
 
 MOST_TRIED = 3
-"""Processes that are asked in turn if they act as a service: one that does not answer takes a fifth of a second."""
+"""Most processes asked in turn if several claim a service; one that does not answer costs about 0.2 s."""
 MOST_EARLY = 64
-"""Processes whose early frames are counted apart; a flood under many names is not."""
+"""Most processes whose early frames are counted each by itself; frames of further processes are not counted."""
 
 
 class _Seal(NamedTuple):
@@ -41,14 +41,14 @@ class Bindings:
         self._born_ms = born_ms
         self._visible: dict[str, dict[str, None]] = {}
         self.bound: dict[str, str] = {}
-        """Process of each service that has proved its links."""
+        """Name of the process that each service is bound to, by service."""
         self._seals: dict[str, _Seal] = {}
-        """Seal of the last sealed process that each service was bound to."""
+        """Seal of the last sealed process that each service was bound to, by service."""
         self._sealed = set[tuple[str, str]]()
-        """Services and processes whose frames must have a seal; only the processes of the system get into it."""
+        """Pairs of service and process name whose frames must be sealed; only processes of the system are added."""
         self._early: Counter[tuple[str, str]] = Counter()
         self._turn: Counter[str] = Counter()
-        """Number of the first candidate of each service that is returned next."""
+        """Index of the candidate of each service that ``candidates`` returns first at its next call."""
 
     def on_life(self, life: Life) -> str:
         """Record that a process appeared or left; return the bound process if another appears beside it, else ""."""

@@ -7,9 +7,9 @@ from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.topics import TICK_NS
 
 STALE_TICKS = 10
-"""A command older than 100 ms is not obeyed any more."""
+"""Age of a joint command, ticks of 10 ms, above which it is refused as stale."""
 KEEP_TICKS = 80
-"""So many commands are remembered, so that a repeated one is known."""
+"""Number of newest ticks whose joint commands are remembered, so that a repeated command is recognised."""
 
 
 class Commands:

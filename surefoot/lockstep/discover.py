@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 GROUP = "surefoot.services"
-"""Entry points of other packages: name of the service = its class. Ours come first, so none can be replaced unseen."""
+"""Entry-point group by which other packages add services (name = class); names of surefoot's own take precedence."""
 
 
 def service_names() -> tuple[str, ...]:

@@ -26,10 +26,10 @@ PRIME_S = 0.02
 JOIN_TIMEOUT_S = 90.0
 """Limit on the wait for the first or next service that becomes ready."""
 HOLD_S = 120.0
-"""Simulated time waits so long for the return of a lost member; then the run ends."""
+"""Longest wait for the return of a lost member, s of wall time; after it the run ends."""
 SILENCE_S, RESENDS, REPEAT_S = 0.25, 8, 1.0
-"""Without progress for so long the last ticks are sent again; after so many repetitions (2 s) the slowest member counts
-as lost although its process lives (frozen). In a hold they are sent every ``REPEAT_S`` only: inboxes may be full."""
+"""`SILENCE_S`: wall time without progress after which the last ticks are sent again, s; `RESENDS`: repetitions after
+which the slowest member counts as lost; `REPEAT_S`: interval of repetitions in a hold, s."""
 STATUS_S = 1.0
 """Longest wall time between two calls of ``Driver.on_status``, s, whether simulated time runs or not."""
 
@@ -39,7 +39,7 @@ class Driver(Service[C]):
 
     leader: ClassVar[type[Leader]] = Leader
     lacking: tuple[Topic[Any], ...] = ()
-    """Declared outputs that this hardware does not have: no reader waits for them."""
+    """Declared output topics that this hardware does not provide; no reader waits for them."""
 
     def release(self, tick: int) -> list[DueSample]:
         """Return the samples whose stamp is at or before the beginning of ``tick`` and that were not released yet."""
@@ -64,7 +64,7 @@ class Driver(Service[C]):
         """Prepare the first run, once, when the runtime is up."""
 
     def on_status(self) -> None:
-        """Publish the state of simulated time, if the driver does so; called each second of wall time."""
+        """Publish the state of simulated time, if the driver does so; called every `STATUS_S` of wall time."""
 
     def check(self, command: JointCommand) -> None:
         """Refuse a command the hardware must not obey (raises Refusal)."""
@@ -85,9 +85,9 @@ class DriverNode(Node):
         self.pace = Pace(clock)
         self.commands = Commands()
         self.held = False
-        """The joints are held: the stream of commands has ended, or the driver refuses it."""
+        """True while the joints are held, because commands stopped or are refused; False while commands apply."""
         self.gave_up = ""
-        """Why the run was ended before its time."""
+        """Reason why the run was ended early; empty = it was not."""
         self._judging = tuple(topic.key for topic in service.outputs if topic.observers_only)
         self._unrevealed: list[tuple[int, DueSample]] = []
         self._joining: dict[str, float] = {}
@@ -244,7 +244,7 @@ class DriverNode(Node):
         self.bus.flush()
 
     def _tell_latched(self) -> None:
-        """Publish latched messages, again under the same header: they count in the hash of the run."""
+        """Publish the latched messages again under their first header, as they count in the hash of the run."""
         for topic, message in self.driver.latched():
             self._publishers[topic.key].put(message.relabelled(0, 0, self.leader.epoch, 0, self.name))
 
@@ -289,7 +289,7 @@ class DriverNode(Node):
         return True
 
     def _lacks_command(self) -> bool:
-        """In lockstep the command of the very tick is awaited: a later one does not stand in for one that was lost."""
+        """Return whether lockstep lacks the joint command of this very tick; a later one does not replace it."""
         leader = self.leader
         walker, wanted = leader.members.get(COMMANDER), leader.tick - leader.delay
         if leader.mode != "lockstep" or walker is None or wanted < max(0, walker.admitted):
@@ -328,7 +328,7 @@ class DriverNode(Node):
         self._since, self._resends = self.clock(), 0
 
     def _reveal(self) -> None:
-        """Publish the ``judging`` samples of the last ticks."""
+        """Publish the samples of ``observers_only`` topics of the last ticks."""
         for tick, sample in self._unrevealed:
             self._outbox.setdefault((self.leader.epoch, tick), []).append(self._notify(sample, tick))
         self._unrevealed.clear()
@@ -350,7 +350,7 @@ class DriverNode(Node):
         self._since = self._since if self.leader.state == "holding" else self.clock()
 
     def _repeat_all(self) -> None:
-        """Send again what anybody may lack; the next tick of the slowest member wants delayed inputs of its last."""
+        """Send again every tick that a member may lack, from the last one that the slowest member finished."""
         first = min((member.done for member in self.leader.members.values()), default=self.leader.tick)
         self._repeat(range(max(0, min(first, self.leader.tick - self.leader.delay)), self.leader.tick + 1))
 

@@ -61,4 +61,4 @@ def _nothing(number: int, frame: object) -> None:
 
 
 ENDING = Ending()
-"""Flag of this process that it has been asked to end."""
+"""Handler of SIGTERM and SIGINT of this process."""

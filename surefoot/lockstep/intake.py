@@ -20,16 +20,16 @@ from surefoot.schemas.hw import FootContacts, Imu, JointState
 from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, TICK_NS
 
 LOW_M = 0.005
-"""Height over the lowest foot up to which a foot stands, where contacts and forces are unknown, m."""
+"""Height above the lowest foot up to which a foot counts as standing if contacts and forces are unknown, m."""
 UP_TICKS = 50
-"""Ticks over which the mean accelerometer shows the direction of gravity."""
+"""Number of ticks over which the accelerometer is averaged to find the direction of gravity."""
 BACK_NS, AHEAD_NS = 1_000_000_000, 10_000_000_000
-"""Steps of an inertial stamp, back and ahead, ns, from which the clock has jumped; a smaller step back is a late
-sample. Joints and feet so far from the newest inertial row are refused: theirs is another clock."""
+"""Steps of an inertial stamp, ns, beyond which the clock counts as having jumped: `BACK_NS` back, `AHEAD_NS` ahead; a
+smaller step back is a late sample. Joint and foot samples so far from the newest inertial one are refused."""
 SILENT_NS = 1_000_000_000
-"""Time without a sample of the feet after which the heights decide again, ns."""
+"""Time without a foot sample after which contacts are derived from the heights of the feet again, ns."""
 MOST_FEET = 20_000
-"""Most samples of the feet that wait for a sample of the joints."""
+"""Largest number of foot samples that may wait for a joint sample."""
 
 Numbers = Sequence[float]
 
@@ -72,7 +72,7 @@ class Intake:
     ) -> None:
         self.robot, self.contact = robot, contact
         self.refused: Counter[str] = Counter()
-        """Samples refused so far, by code."""
+        """Number of samples refused so far, by code."""
         self._report = report
         self._origin: int | None = None
         self._newest: Counter[str] = Counter()
@@ -84,7 +84,7 @@ class Intake:
         self._touch: tuple[bool, ...] = (False,) * robot.nlegs
         self._force: tuple[float | None, ...] = (None,) * robot.nlegs
         self._feet_ns: int | None = None
-        """Time of the newest sample of the feet that counted."""
+        """Stamp of the newest accepted foot sample, ns; None = there was none."""
         self._rot: list[list[float]] = matrix_from_quat(robot.imu.quat_wxyz).tolist()  # rot_base_from_imu
 
     @property
@@ -151,7 +151,7 @@ class Intake:
         return out
 
     def _stand(self, joints: _Joints) -> None:
-        """Carry the contacts on to the time of a sample of the joints."""
+        """Update the contacts of the feet up to the stamp of a joint sample."""
         while self._feet and self._feet[0][0] <= joints.stamp_ns:
             self._feet_ns, row = self._feet.popleft()
             if self.contact is None:
@@ -172,7 +172,7 @@ class Intake:
         self._touch = tuple(h < min(height) + LOW_M for h in height)
 
     def _place(self, kind: str, stamp_ns: int, row: tuple[float, ...], size: int) -> int | None:
-        """Return the time of a sample, ns; None = it is refused."""
+        """Return the time of a sample since the first inertial one, ns; None = it is refused."""
         if len(row) != size:
             self.refuse(f"{kind}_shape", f"{kind}: got {len(row)} numbers, wanted are {size}")
             return None

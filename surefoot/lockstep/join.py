@@ -17,33 +17,34 @@ from surefoot.schemas.topics import HW_TICK, TICK_NS, Kind, Topic
 DRIVER = "driver"
 _TICK = HW_TICK.key
 NAMED = ("epoch_ahead", "stale_epoch", "too_far_ahead", "stamp", "conflict", "too_much")
-"""Refusals of inputs, which a log names with key and process."""
+"""Codes of refused inputs for which the log names key and process."""
 
 SENDER_BYTES, SMALL_BYTES = 16 << 20, 4096
-"""Most bytes that one service's inputs of ticks to come may hold; an input up to the second size is not counted."""
+"""`SENDER_BYTES`: most bytes of waiting inputs of one service; `SMALL_BYTES`: input size up to which it is not
+counted."""
 
 MISLED_PRIMES = 3
-"""Primes of a run that has not begun, without a tick between them, after which a service that has done ticks of that
-run was misled. More than one, because the network may deliver a prime twice, and late."""
+"""Number of primes in a row of a run not yet begun, after which a service that did ticks of that run counts as misled
+by another process. More than one, because the network may deliver a prime twice, and late."""
 
 MAX_AHEAD = 64
-"""Inputs further ahead of the newest tick are refused; the driver never runs more than a few ticks ahead."""
+"""Largest lead of an input over the newest tick, ticks; an input further ahead is refused."""
 
 MOST_KINDS = 256  # ticks that differ in samples, roster or phase, of which the wanted keys are kept
 
 STAMP_SLACK_NS = 1_000_000_000
-"""An input's stamp lies between the run's beginning and its own tick, give or take 1 s."""
+"""Tolerance of an input's stamp, ns, before the beginning of the run and after the input's own tick; else refused."""
 
 PATIENCE_TICKS = 2
-"""In paced mode a tick whose inputs are incomplete is taken when this many later ticks have come, or the driver has
-repeated the newest so often: it does before a pause and at the end, where no later one comes."""
+"""Number of later ticks, or of repetitions of the newest tick by the driver, after which a tick with missing inputs is
+done in paced mode; the driver repeats before a pause and at the end."""
 
 BACKLOG_TICKS = 8
-"""In paced mode a service this far behind leaves ticks out. In order until then: services that leave out every second
-tick would lack each other's messages in the others, and do so for ever."""
+"""Lag in paced mode, ticks, from which a service skips ticks; below it all ticks are done in order, as services that
+skip every second tick would lack each other's messages for ever."""
 
 BATCH_PATIENCE_TICKS, BATCH_BACKLOG_TICKS = 30, 1000
-"""Patience and backlog, ticks, of services that get ten ticks at a time: their batches come apart."""
+"""`BATCH_PATIENCE_TICKS`, `BATCH_BACKLOG_TICKS`: as `PATIENCE_TICKS`, `BACKLOG_TICKS`; for ticks in batches of ten."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class TickInputs:
     tick: Tick
     messages: dict[str, Any] = field(repr=False)
     late: dict[str, float] = field(default_factory=dict[str, float], repr=False)
-    """Inputs without a new sample for longer than their limit, and their age, s: see ``surefoot.lockstep.ages``."""
+    """Age of each input without a new sample for longer than its limit, s of simulated time, by key."""
 
     @property
     def number(self) -> int:
@@ -103,7 +104,7 @@ class Join:
         self.last = -1
         self.on_roster = False
         self.begun: int = 0
-        """Times that a run began, or began again for a service that was misled."""
+        """Number of times a run began, including again for a service that another process had misled."""
         self._newest = self._admitted = -1
         self._first_ns, self._last_ns = -math.inf, math.inf
         """Stamps from the first on are accepted, and up to the last beyond that of their tick since tick 0, ns."""
@@ -111,9 +112,9 @@ class Join:
         self._ticks: dict[int, Tick] = {}
         self._slots: dict[tuple[int, int], dict[str, Any]] = {}
         self._latched: dict[tuple[str, int], Any] = {}
-        """Latched message by key and epoch."""
+        """Latched messages by key and epoch."""
         self._unbegun = 0
-        """Primes of a run that has not begun, of which ticks were done."""
+        """Number of manifests (primes) of a run not yet begun by the driver of which this service already did ticks."""
         self._previous_roster: tuple[str, ...] = ()
         self._lockstep = False
         self._cycle = math.lcm(*(max(1, topic.period_ticks) for topic in self.same_tick))
@@ -123,9 +124,9 @@ class Join:
         self._senders: dict[str, str] = {}
         """Process that published the last accepted message of a key."""
         self._taken: dict[str, Any] = {}
-        """Inputs of the tick that was handed out last."""
+        """Inputs of the last tick that was returned, by key."""
         self._repeated = 0
-        """Times that the driver repeated the newest tick since the last one was done."""
+        """Number of times the driver repeated the newest tick since this service finished its last one."""
         self._lacking: set[str] | None = None
         """Inputs that tick ``last + 1`` still waits for; None = not computed yet."""
 
@@ -167,7 +168,7 @@ class Join:
             return None
         if here:
             awaited = self.last if key in self._delayed_keys else self.last + 1
-            """The tick whose message the next one wants; what is older has been used."""
+            """Earliest tick whose message this input still needs; older messages have been used."""
             if tick < awaited:
                 return self._again(key, value, sender, self._taken if tick == awaited - 1 else {})
             if tick > self._newest + MAX_AHEAD and tick > self.last + MAX_AHEAD and self.on_roster:
@@ -194,7 +195,7 @@ class Join:
         return "duplicate" if same else "conflict"
 
     def _has_room(self, epoch: int, tick: int, key: str, size: int) -> bool:
-        """Note a large input, unless those of its owner that wait hold too much."""
+        """Record a large input; return False if the waiting inputs of its owner would hold too many bytes."""
         self._large = {at: n for at, n in self._large.items() if at[2] in self._slots.get(at[:2], ())}
         owner = self.owners[key]
         if sum(n for at, n in self._large.items() if self.owners[at[2]] == owner) + size > SENDER_BYTES:
@@ -290,7 +291,7 @@ class Join:
         return None
 
     def _wanted(self, tick: Tick) -> list[str]:
-        """Keys due in a tick; what was found for the same samples, roster and phase of the periods is kept."""
+        """Return the keys due in a tick, cached for equal samples, roster and phase of the periods."""
         due, roster = tick.due, tick.roster
         kind = (due, roster, tick.tick % self._cycle)
         known = self._wanted_of.get(kind)

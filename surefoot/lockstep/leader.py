@@ -14,23 +14,23 @@ from surefoot.schemas.topics import CMD_JOINTS
 State = Literal["idle", "joining", "running", "paused", "holding", "ended"]
 
 WINDOW_TICKS = 20
-"""Lag that the slowest member may have, ticks."""
+"""Largest lag of the slowest member behind the driver in lockstep, ticks; beyond it the driver waits."""
 
 PACED_COMMAND_LAG_TICKS, PACED_WINDOW_TICKS = 5, 60
-"""The same in paced time without a pace, of the commander and the others. A command is stale after 10 ticks, and a
-service that is 8 behind leaves ticks out, which all who read it lack. One that takes batches waits 30 ticks for an
-input that does not come."""
+"""Largest lags in paced mode at no real-time factor, ticks: `PACED_COMMAND_LAG_TICKS` of the service that commands
+joints, `PACED_WINDOW_TICKS` of other members; beyond them the driver waits. A command is stale after 10 ticks, a
+service 8 ticks behind skips ticks, and one that takes batches waits 30 ticks for a missing input."""
 
 KEEP_TICKS = WINDOW_TICKS + 2
-"""Members keep their outputs of so many ticks, to send them again when the driver repeats a tick. The slowest one may
-be done with a tick a window before the last but one: it lacks the next and, of delayed inputs, that one."""
+"""Number of newest ticks whose outputs members keep, to send them again when the driver repeats a tick; the slowest
+member may still need the tick a window before the last but one."""
 
 REPORT_TICKS = 10
-"""Members answer every tenth tick, and the last one before a pause or the end: half the window, for each answer costs
-the driver as much as a frame. Batches go with the answers."""
+"""Interval at which members report that they have finished a tick, ticks; also before a pause or the end. It is half
+the window, as each report costs the driver as much as a frame; batches go with the reports."""
 
 COMMANDER = CMD_JOINTS.owner
-"""The service whose command a tick waits for; its command counts as its done."""
+"""Service whose joint command a tick waits for; the command also counts as its report that the tick is done."""
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Leader:
     reason: str = ""
     members: dict[str, Member] = field(default_factory=dict[str, Member])
     ready: dict[str, str] = field(default_factory=dict[str, str])
-    """Services whose links are proved, not yet on the roster: name to instance."""
+    """Services that have tested their links but are not on the roster yet: process name by service."""
     lost: set[str] = field(default_factory=set[str])
     """Members whose process is gone and whose return is awaited."""
     _manifests: dict[int, Tick] = field(default_factory=dict[int, Tick])

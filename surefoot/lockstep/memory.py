@@ -12,9 +12,9 @@ from surefoot.files import FileError, read_regular
 from surefoot.tables import TableError, table_error
 
 MOST_BYTES = 1 << 20
-"""Largest file that is read; a service writes some kB."""
+"""Largest state file that is read, bytes."""
 MOST_ID = 2**53
-"""Largest number of a command or order: the largest that every JSON reader keeps exactly."""
+"""Largest number of a command or order, because every JSON reader keeps integers up to 2**53 exactly."""
 
 
 class Stored(BaseModel):

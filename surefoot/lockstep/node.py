@@ -144,7 +144,7 @@ class Node:
         return progressed
 
     def _work_until(self, deadline: float) -> bool:
-        """Handles what is there until a time of the monotonic clock; returns whether something may be left."""
+        """Handle waiting items until a time of the monotonic clock, s; return whether something may be left."""
         while not self.stopping and self._turn(deadline):
             if self.clock() >= deadline:
                 return True

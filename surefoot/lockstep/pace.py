@@ -21,9 +21,9 @@ class Pace:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self.factor = 0.0
-        """Real-time factor that is asked for; 0 = as fast as it goes."""
+        """Requested ratio of simulated to wall time; 0 = as fast as possible."""
         self.given_up_s = 0.0
-        """Wall time by which the due times were moved since ``begin``, s."""
+        """Delay that is not caught up since ``begin``, s of wall time, by which the due times were moved."""
         self._origin = (clock(), 0)
         self._reported_s = 0.0
 

@@ -20,12 +20,12 @@ from surefoot.schemas.topics import HW_TICK
 Rep = TypeVar("Rep")
 
 LOCKSTEP_ANSWER_S = 30.0
-"""Limit on the wait, s: longer than a partition after which Zenoh links two hosts anew, and than the start of a
-service. Meanwhile the inbox has room for what the driver repeats."""
+"""Limit on the wall time of the wait for an answer within a tick, s: longer than a service needs to start, or Zenoh to
+link two hosts again after a partition."""
 TRY_S = 5.0
-"""Limit on one try of a query, s: the network may forget a query, so it is sent again; the same one is handled once."""
+"""Limit on the wall time of one try of a query, s; then the query is sent again, and its owner handles it once."""
 AGAIN_S = 0.1
-"""Pause before a process that was out of reach is asked again, s."""
+"""Pause before a query is sent again to a process that was out of reach, s."""
 
 
 class Patience:

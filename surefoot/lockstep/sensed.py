@@ -18,11 +18,11 @@ from surefoot.schemas.status import SimStatus
 from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, SIM_STATUS, TICK_S, Topic
 
 PATIENCE_S = 0.05
-"""Time without a sample after which ticks go on by the wall clock, s."""
+"""Wall time without a sensor sample after which ticks follow the wall clock, s."""
 POLL_S = 0.001
-"""Least time between two looks at the sensors, s; they wait for the end of a tick that the samples so far are from."""
+"""Shortest interval between two polls of the sensors, s."""
 MISSED_S = 5.0
-"""Time without the first sample after which a warning is logged, s."""
+"""Wall time without the first inertial sample after which a warning is logged, s."""
 
 
 class SensedConfig(ServiceConfig):
@@ -92,7 +92,7 @@ class SensedDriver(Driver[S], Generic[S]):
     outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_STATUS)
     observes, serves = (CMD_ESTOP,), (SIM_JOIN,)
     sends: ClassVar[bool] = False
-    """True if the subclass overrides `send`."""
+    """True if the subclass overrides `send` and can command the robot; False: it only reads sensors."""
 
     def open(self) -> None:
         """Open the connection to the robot."""

@@ -39,20 +39,21 @@ class Service(Generic[C]):
     name: ClassVar[str]
     Config: ClassVar[type[ServiceConfig]] = ServiceConfig
     inputs: tuple[Input, ...] = ()
-    """Topics of a tick; by its configuration an instance may read fewer than its class."""
+    """Topics that a tick reads; an instance may read fewer than its class declares, depending on its configuration."""
     outputs: ClassVar[tuple[Topic[Any], ...]] = ()
     serves: ClassVar[tuple[Query[Any, Any], ...]] = ()
     calls: ClassVar[tuple[Query[Any, Any], ...]] = ()
     observes: ClassVar[tuple[Topic[Any], ...]] = ()
     """Topics outside lockstep (health, logs): delivered to ``on_message`` as they come."""
     batched: bool = False
-    """True if ticks may come several at a time: for services whose output no participant awaits within a tick."""
+    """True if the service may receive several ticks at a time, as no participant awaits its output; False: one by
+    one."""
     limits: Mapping[str, int] = {}
-    """Ages beyond which an input is late, ns of simulated time, by key, 0 = never; the others: three of its periods,
-    at least 100 ms (``surefoot.lockstep.ages``). Read at the begin of each epoch. ``TickInputs.late`` names the late
-    ones, as do log, health and report."""
+    """Age of an input, ns of simulated time, above which it counts as late, by key; 0 = never. Default: three periods
+    of the input, at least 100 ms (``surefoot.lockstep.ages``). Read when an epoch begins; late inputs are named in
+    ``TickInputs.late``, the log, health and the report."""
     raw: ClassVar[bool] = False
-    """Inputs are handed over undecoded, as ``Delivery``: for those who pass them on."""
+    """True if inputs are passed on undecoded, as ``Delivery``; False: as decoded messages."""
 
     def __init__(self, config: C) -> None:
         self.config = config

@@ -28,14 +28,14 @@ from zstandard import ZstdError
 from surefoot.record.chunks import MAGIC
 
 BROKEN = (McapError, KeyError, ZstdError, struct.error, ValueError, EOFError, MemoryError)
-"""Errors of reading a torn file: its records, their compression and their texts may each be damaged."""
+"""Exceptions that reading a damaged MCAP file may raise."""
 
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-"""Channel, number, stamp and time of publication, ns."""
+"""Layout of the head of an MCAP message: channel number, sequence number, stamp and publication time, ns."""
 _COMPRESSIONS = (b"\4\0\0\0zstd", b"\3\0\0\0lz4")
 _BEFORE_COMPRESSION = _HEAD.size + 28
-"""Bytes of a chunk before the name of its compression: times, size and checksum."""
+"""Length of a chunk record in front of the name of its compression, bytes: record head, times, size, checksum."""
 _OPCODES = frozenset(int(code) for code in Opcode)
 _READ = (Opcode.CHUNK, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.MESSAGE_INDEX, Opcode.METADATA, Opcode.ATTACHMENT)
 
@@ -63,26 +63,26 @@ class Findings:
 
     chunks: int = 0
     damaged: int = 0
-    """Chunks that cannot be read."""
+    """Number of chunks of the recording that cannot be read."""
     messages: Counter[str] = field(default_factory=Counter[str])
     """Number of messages that can be read, by key."""
     lost: int = 0
     """Number of messages that cannot be read; the least when ``uncounted``."""
     uncounted: bool = False
-    """True if there is no summary: messages after the last byte are unknown."""
+    """True if the file has no readable summary, so the number of lost messages is a lower bound; False: it is exact."""
     problems: list[str] = field(default_factory=list[str])
     size: int = 0
-    """Bytes of the file."""
+    """Size of the file, bytes."""
     unread: int = 0
-    """Bytes of what cannot be read."""
+    """Number of bytes of the file that cannot be read."""
     sound_to: int | None = None
-    """Byte before which no message is lost; None = none is."""
+    """Offset in the file before which no message is lost, bytes; None = no message is lost."""
     pieces: list[SoundChunk] = field(default_factory=list[SoundChunk])
     channels: dict[int, str] = field(default_factory=dict[int, str])
-    """Keys of the channels whose record, here or in the summary, can be read."""
+    """Key of each channel, by channel number, whose record can be read here or in the summary."""
     metadata: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
     attachments: dict[str, bytes] = field(default_factory=dict[str, bytes], repr=False)
-    """Files by name; of one that is damaged its checksum is wrong, and it is left out."""
+    """Content of the attached files by name; files whose checksum is wrong are left out."""
 
     @property
     def whole(self) -> bool:
@@ -111,13 +111,13 @@ class _FileCheck:
         self.names: dict[int, str] = {}
         self.counts: Counter[int] = Counter()
         self.index: dict[int, list[tuple[int, int]]] | None = {}
-        """Index of the last chunk by channel; None when it could not be read: the index after it counts its
-        messages."""
+        """Index of the messages of the last chunk, by channel: stamp, ns, and offset of each; None = the chunk is
+        unreadable."""
         self.starts: list[int] = []
         self.total = self._summary()
 
     def _summary(self) -> int | None:
-        """Number of messages by the summary; None when there is none that can be read."""
+        """Return the number of messages by the summary; None if no summary can be read."""
         try:
             summary = make_reader(self.file).get_summary()
         except (*BROKEN, OSError):  # shorter than a summary: its place is before the beginning
@@ -152,7 +152,8 @@ class _FileCheck:
         return self._again(0, "the file does not begin as MCAP files do")
 
     def _record(self, place: int) -> int | None:
-        """Take in the record at a place; return that of the next, None at the end of the data."""
+        """Read the record at an offset of the file; return the offset of the next record, None at the end of the
+        data."""
         self.file.seek(place)
         head = self.file.read(_HEAD.size)
         if len(head) < _HEAD.size:
@@ -202,7 +203,7 @@ class _FileCheck:
             found.problems.append(f"the {what} at byte {place} cannot be read: {why or type(error).__name__}")
 
     def _unpack(self, chunk: Chunk) -> dict[int, list[tuple[int, int]]]:
-        """Index of a chunk by its messages: per channel time and offset of each."""
+        """Return the message index of a chunk made from its messages: stamp, ns, and offset of each, by channel."""
         index: dict[int, list[tuple[int, int]]] = {}
         for code, offset, record in _records(chunk):
             if code == Opcode.MESSAGE:
@@ -214,14 +215,15 @@ class _FileCheck:
         return index
 
     def _compare(self, told: MessageIndex) -> None:
-        """Hold the index of a channel, which follows its chunk, against the messages."""
+        """Compare the index of a channel that follows a chunk with the messages of the chunk."""
         if self.index is None:
             self.found.lost += len(told.records)
         elif sorted(told.records) != sorted(self.index.get(told.channel_id, [])):
             raise ValueError("it does not name the messages of its chunk")
 
     def _again(self, place: int, problem: str) -> int | None:
-        """Note what is wrong here, and go on with the next chunk, by the summary or by its first bytes."""
+        """Record a problem at an offset; return the offset of the next chunk, by the summary or a search for its first
+        bytes."""
         self.found.problems.append(problem)
         self._lose(place)
         following = next((start for start in self.starts if start > place), None)
@@ -236,7 +238,8 @@ class _FileCheck:
             self.found.sound_to = place
 
     def _search(self, place: int) -> int | None:
-        """Return where the next chunk seems to begin."""
+        """Return the offset at which the next chunk seems to begin, by a search from an offset on; None = there is
+        none."""
         if place >= self.size:
             return None
         with mmap.mmap(self.file.fileno(), 0, access=mmap.ACCESS_READ) as content:
@@ -251,7 +254,7 @@ class _FileCheck:
 
 
 def _attachment(stream: ReadDataStream, length: int) -> dict[str, bytes]:
-    """Return a file by its name (raises one of `BROKEN`)."""
+    """Return the name and content of an attached file, as a dict (raises one of `BROKEN`)."""
     content = stream.read(length)
     attachment = Attachment.read(ReadDataStream(BytesIO(content)))
     if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):

@@ -29,13 +29,14 @@ SHAPES: dict[str, tuple[int | str, ...]] = {
 }  # fmt: skip
 """Columns and their shapes: n inertial rows, m foot samples, F feet, S switches, J joints, e samples from elsewhere."""
 FEET_METADATA = ("feet", "foot_radius", "sole_size", "contact_on", "contact_off")
-"""Statements on the feet."""
+"""Names of log metadata about the feet: names, size and contact thresholds."""
 METADATA = (*FEET_METADATA, "external_position_sd", "external_velocity_sd", "external_yaw_sd", "external_delay")
-"""Statements: in NPZ files further arrays, in CSV files lines like `# sole_size = 0.2, 0.1` at the top."""
+"""Names of log metadata: further arrays in NPZ files, lines such as `# sole_size = 0.2, 0.1` at the top of CSV
+files."""
 
 
 class _KeyRows:
-    """Rows of one key, number after number; every row must be as long as the first."""
+    """Numbers of the messages of one key, row after row; every row must be as long as the first."""
 
     def __init__(self) -> None:
         self.stamps, self.ticks = array("q"), array("q")

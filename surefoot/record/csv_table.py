@@ -30,16 +30,17 @@ GROUPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("external_quat_wxyz", "external_{}", (), WXYZ), ("contact", "contact{}", (r"contact(\d+)",), ()),
     ("touch", "contact{}_{}", (r"contact(\d+)_0", r"contact0_(\d+)"), ()), ("force", "force{}", (r"force(\d+)",), ()),
 )  # fmt: skip
-"""CSV columns that make one: its name, their template, patterns of those that are counted, labels of the last axis."""
+"""Groups of CSV columns that form one array: name of the array, column template, patterns of the counted indices,
+labels of the last axis."""
 NUMBER_WITH_COMMA = re.compile(r"^[+-]?\d+,\d+([eE][+-]?\d+)?$")
 WHOLE = re.compile(r"\s*-?([0-8]?\d{1,18})\s*")
-"""Stamps in ns that fit into 64 bits."""
+"""Pattern of an integer stamp, ns, that fits into 64 bits."""
 SEPARATORS = (",", ";", "\t")
-"""Separators of CSV cells; the most frequent one of the first row counts."""
+"""Separators of CSV cells that are recognised; the most frequent one in the header row is used."""
 
 
 SHOWN = 12
-"""Largest number of columns that a sentence names."""
+"""Largest number of columns that an error message names."""
 
 
 def read_csv(path: Path) -> Columns:
@@ -126,7 +127,7 @@ def _no_number(cells: Sequence[str], names: Sequence[str], row: int, name: str) 
 
 
 def _grouped(names: Sequence[str], values: NDArray[np.float64], stamps: NDArray[np.int64] | None, name: str) -> Columns:
-    """Return columns from single ones; rows without any kinematic number carry no foot sample.
+    """Return arrays made from single columns; rows without any kinematic number are left out of the foot samples.
 
     `values` (rows, names); `stamps` (rows,) ns; `name` of the file, for errors.
     """
@@ -161,7 +162,7 @@ def _grouped(names: Sequence[str], values: NDArray[np.float64], stamps: NDArray[
 
 
 def _split_external(out: Columns) -> Columns:
-    """Give the samples from elsewhere rows of their own, those that have a number, at the time of their row."""
+    """Return the columns with external samples in rows of their own, with the stamp of the row that held each."""
     external = [key for key in out if SHAPES[key][0] == "e"]
     stamp = "stamp_ns" if "stamp_ns" in out else "t"
     if not external or stamp not in out:

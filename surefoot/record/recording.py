@@ -21,15 +21,15 @@ from surefoot.schemas.topics import TOPICS, Topic
 from surefoot.version import VERSION
 
 BULK = "surefoot-bulk"
-"""Message encoding of arrays: uint32 length of the JSON header, header, raw array."""
+"""Message encoding of messages with a large array: uint32 length of the JSON header, header, raw array."""
 ENCODINGS = ("json", BULK)
-"""Message encodings of our topics."""
+"""Message encodings that recordings of surefoot use."""
 SUMMARY, HASHES = "surefoot", "hashes"
 """Names of the metadata at the end of a file: the run hash, and the digest of each key."""
 KINDS = {".toml": "application/toml", ".json": "application/json", ".yaml": "application/yaml"}
-"""Media types of attached files by suffix; of others: bytes."""
+"""Media types of attached files by suffix; a file of any other suffix is stored as bytes."""
 LATEST_NS, MOST_SEQ = (1 << 64) - 1, (1 << 32) - 1
-"""Largest stamp and number of a message that the format holds."""
+"""`LATEST_NS`: largest stamp, ns; `MOST_SEQ`: largest sequence number of a message that MCAP can hold."""
 
 
 class RecordingWriter:
@@ -176,19 +176,19 @@ def _share_of(reader: Any) -> Callable[[int], float] | None:
 
 
 def _unreadable(path: Path, error: OSError) -> SurefootError:
-    """Why a file cannot be read; one too short for a summary makes the reader look before its beginning."""
+    """Return the error of a file that cannot be read, including one that is too short for a summary."""
     return _broken(path, "") if error.errno == EINVAL else SurefootError("unreadable", f"{path}: {error.strerror}")
 
 
 def _foreign(path: Path, key: str, encoding: str) -> SurefootError:
-    """Return the fault of a topic of this project that somebody else has written."""
+    """Return the error of a recording whose topic of this project has an encoding that surefoot does not write."""
     return SurefootError(
         "malformed", f"{path}: {key} is encoded as {encoding!r}, allowed is 'json'", "message_encoding"
     )
 
 
 def _broken(path: Path, why: str) -> SurefootError:
-    """Return the fault of a file that cannot be read as a recording."""
+    """Return the error of a file that cannot be read as a recording."""
     with path.open("rb") as file:
         head, size = file.read(len(MAGIC)), path.stat().st_size
         file.seek(max(0, size - len(MAGIC)))

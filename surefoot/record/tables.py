@@ -17,11 +17,11 @@ ALIASES = {
     "time": "t", "w": "gyro", "a": "acc", "pf": "foot_position", "Rf": "foot_rotation", "fz": "force",
     "p": "true_position", "R": "true_rotation", "v": "true_velocity",
 }  # fmt: skip
-"""Other names of columns in NPZ files."""
+"""Name of a column by its alternative name in NPZ files."""
 FASTEST_S, SLOWEST_S = 5e-5, 0.5
-"""Shortest and longest usual step between inertial rows of a log, s."""
+"""`FASTEST_S`, `SLOWEST_S`: shortest and longest allowed usual step between inertial rows of a log, s; else refused."""
 LATEST_S = 9e9
-"""Latest stamp that fits into 64 bits of ns, s."""
+"""Largest stamp of a log, s, that fits into 64 bits as ns."""
 
 
 def read_table(path: Path, sort: bool = False) -> Columns:
@@ -170,7 +170,7 @@ def _finite(values: NDArray[np.float64], key: str, name: str) -> None:
 
 
 def _units(key: str) -> tuple[tuple[float, str], ...]:
-    """Return factors to the unit of a column of stamps, with the unit that each is of."""
+    """Return the factor to the unit of a stamp column from each unit of time, with the name of that unit."""
     if key.endswith("_ns"):
         return (1e3, "us"), (1e6, "ms"), (1e9, "s")
     return (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")

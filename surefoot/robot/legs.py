@@ -62,7 +62,8 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _yaw_pitch_pitch(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> tuple[Array, Array] | None:
-    """Hip pose (4,) and segment lengths (3,) if the leg is coxa (z), femur (-y), tibia (-y) along x, else None."""
+    """Return hip pose (4,) and segment lengths (3,) of a leg with coxa (z), femur (-y), tibia (-y) along x; else
+    None."""
     if len(leg.joints) != 3:
         return None
     coxa, femur, tibia = (links[joints[j].link] for j in leg.joints)
@@ -84,7 +85,7 @@ def _yaw_pitch_pitch(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -
 
 
 class _LegAxes(NamedTuple):
-    """A leg of three joints at joint angles zero; frame base_link."""
+    """Geometry of a leg of three joints at joint angles zero, in base_link."""
 
     axes: Array  # (3, 3) unit joint axes, one a row
     points: Array  # (4, 3) m, origins of the three joints, then the foot centre

@@ -25,7 +25,7 @@ from surefoot.tables import (
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 MILLI_G = 1e-3 * GRAVITY
-"""A thousandth of standard gravity, m/s2."""
+"""One thousandth of standard gravity, m/s^2."""
 
 Share = Annotated[Number, Field(ge=0, le=1)]
 Pixels = Annotated[Whole, Field(ge=8, le=8192)]

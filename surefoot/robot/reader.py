@@ -23,7 +23,7 @@ ROBOT_FILE = "robot.toml"
 """Name of the file in the folder of a robot."""
 BIPED_LEG_JOINTS = 6
 LEGS = {"hexapod": 6, "quadruped": 4, "biped": 2}
-"""Number of legs by kind of robot."""
+"""Number of legs that a description needs, by kind of robot."""
 _NOT_HASHED = frozenset({"source", "sources", "description", "schema"})
 
 
@@ -136,7 +136,7 @@ def _robot(file: RobotFile, data: dict[str, object]) -> r.Robot:
 
 
 class _Place(NamedTuple):
-    """Where a limb is mounted, and how."""
+    """Pose at which a limb is mounted on the trunk, and the limb's place in the description."""
 
     limb: str
     side: float  # -1.0 = reflected at the plane y = 0, else 1.0
@@ -226,7 +226,7 @@ class _Tree:
         self.links.append(r.Link(name, parent, joint, position, quat, axis, t.mass, com, box, axes))
 
     def _shared(self, key: str, place: _Place, first: bool) -> int:
-        """Return the index of the joint whose motor moves this link too."""
+        """Return the index of the joint whose motor also moves this link."""
         field, wanted, known = f"{place.path}.shared.{key}", place.shared.pop(key), [j.name for j in self.joints]
         if wanted not in known:
             raise _unknown(field, wanted, known)
@@ -275,7 +275,7 @@ def _contacts(t: ContactTable) -> r.ContactSensor:
 
 
 def _unit(values: list[float]) -> Array:
-    """Return a vector (n,) of length 1, whatever the rounding in the file has left of it."""
+    """Return a vector (n,) scaled to length 1, as values in the file are rounded."""
     vector = np.array(values)
     return vector / norm(vector)
 

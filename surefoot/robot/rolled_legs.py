@@ -11,8 +11,8 @@ from surefoot.kernels.jit import kernel
 from .description import RolledLegs
 
 REACH_SLACK = 1e-9
-"""Slack of the knee's cosine, and of the foot's distance from the first axis in m: a leg on its edge counts as
-reaching."""
+"""Tolerance of the knee's cosine, no unit, and of the foot's distance from the first axis, m, beyond which a point is
+out of reach."""
 
 
 @kernel
