@@ -1,19 +1,20 @@
 """Frames: everything a service publishes in one tick, or in a few, as one message.
 
 Payload: the JSON array of the messages, so that any tool can read it. Attachment: the publishing process (the last word
-of its liveliness token), in a system with a secret a colon and the seal of the frame (see `seals`); then the index, one
-``<key>,<length>,<tick>,<epoch>,<stamp_ns>,<seq>`` per message, semicolons between them, in the order of the array, so
-that a reader can decode only the messages it needs. Length 0 marks a prime, an empty message that tests the link before
-tick 0: it has no place in the array.
+of its liveliness token), in a system with a secret the time of the machine and the seal of the frame (see `seals`),
+colons between them; then the index, one ``<key>,<length>,<tick>,<epoch>,<stamp_ns>,<seq>`` per message, semicolons
+between them, in the order of the array, so that a reader can decode only the messages it needs. Length 0 marks a prime,
+an empty message that tests the link before tick 0: it has no place in the array.
 """
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from hmac import compare_digest
 from typing import Any, NamedTuple, cast
 
 from surefoot.bus.codec import MAX_JSON_BYTES
 from surefoot.bus.interface import Delivery, Raw, Stamp
-from surefoot.bus.seals import seal_of
+from surefoot.bus.seals import MOST_DIGITS, seal_of
 from surefoot.errors import Refusal
 from surefoot.schemas.topics import Topic
 
@@ -37,8 +38,11 @@ class FramePart(NamedTuple):
     stamp: Stamp
 
 
-def pack(parts: Sequence[FramePart], instance: str = "", secret: str = "") -> tuple[bytes, bytes]:
-    """Return payload and attachment of a frame that the process ``instance`` publishes, sealed if there is a secret."""
+def pack(parts: Sequence[FramePart], instance: str = "", secret: str = "", family: str = "") -> tuple[bytes, bytes]:
+    """Return payload and attachment of a frame that the process ``instance`` publishes, sealed if there is a secret.
+
+    The seal holds for the key ``family`` (that of frames or of batches of a service) and the time of the machine, ns.
+    """
     entries = [
         f"{key},{len(payload)},{tick},{epoch},{stamp_ns},{seq}" for key, payload, (tick, epoch, stamp_ns, seq) in parts
     ]
@@ -48,33 +52,48 @@ def pack(parts: Sequence[FramePart], instance: str = "", secret: str = "") -> tu
     )
     name = instance.encode()
     if secret:
-        name += b":" + seal_of(secret, name, index, payload)
+        name += b":%d" % time.monotonic_ns()
+        name += b":" + seal_of(secret, family.encode() + b" " + name, index, payload)
     return payload, name + b";" + index if entries else name
 
 
 class Frame:
     """Frame of messages as it was received, decoded on the reader's own thread."""
 
-    __slots__ = ("_index", "_payload", "_seal", "_secret", "_topics", "instance", "owner", "size")
+    __slots__ = (
+        "_index", "_payload", "_seal", "_secret", "_topics", "family", "instance", "owner", "sealed_ns",
+        "size",
+    )  # fmt: skip
 
     def __init__(
-        self, owner: str, topics: Mapping[str, Topic[Any]], payload: bytes, index: bytes, secret: str = ""
+        self,
+        owner: str,
+        topics: Mapping[str, Topic[Any]],
+        payload: bytes,
+        index: bytes,
+        secret: str = "",
+        family: str = "",
     ) -> None:
         self.owner = owner
         self._topics = topics
         self._payload = payload
-        self._secret = secret
+        self._secret, self.family = secret, family
         name, _, self._index = index.partition(b";")
-        instance, _, self._seal = name.partition(b":")
+        instance, _, seal = name.partition(b":")
+        number, _, self._seal = seal.partition(b":")
         self.instance = instance[:MAX_INSTANCE].decode("ascii", "replace")
         """Name of the process that published the frame, as written in the frame."""
+        self.sealed_ns = int(number) if number.isdigit() and len(number) <= MOST_DIGITS else 0
+        """Time of the machine at which the frame was sealed, ns; 0 = it has no seal."""
         self.size = len(payload) + len(index)
 
     @property
     def sealed(self) -> bool:
-        """True if a process that knows the secret of this system published exactly this frame under this name."""
-        seal = seal_of(self._secret, self.instance.encode(), self._index, self._payload) if self._secret else b""
-        return bool(seal) and compare_digest(seal, self._seal)
+        """True if a process that knows the secret published exactly this frame, under this name and key."""
+        if not self._secret:
+            return False
+        name = f"{self.family} {self.instance}:{self.sealed_ns}".encode()
+        return compare_digest(seal_of(self._secret, name, self._index, self._payload), self._seal)
 
     def deliveries(self, bound: bool = True) -> list[Delivery]:
         """Return the messages of the frame on the reader's topics, in the order they were published.

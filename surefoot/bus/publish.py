@@ -90,7 +90,7 @@ class Framer:
 
     def __init__(self, session: zenoh.Session, owner: str, instance: str, secret: str = "") -> None:
         self.corked = False
-        self._instance, self._secret = instance, secret
+        self._owner, self._instance, self._secret = owner, instance, secret
         self.frame: list[FramePart] = []
         self.batch: list[FramePart] = []
         self._frames = _declare(session, FRAME.format(owner), _JSON, *_FRAMES)
@@ -100,12 +100,12 @@ class Framer:
         """Publish the collected messages as one frame; ``batch``: also those of all ticks since the last batch."""
         self.corked = False
         if self.frame:
-            payload, index = pack(self.frame, self._instance, self._secret)
+            payload, index = pack(self.frame, self._instance, self._secret, FRAME.format(self._owner))
             self._frames.put(payload, attachment=index)
             self.batch += self.frame
             self.frame = []
         if batch and self.batch:
-            payload, index = pack(self.batch, self._instance, self._secret)
+            payload, index = pack(self.batch, self._instance, self._secret, BATCH.format(self._owner))
             self._batches.put(payload, attachment=index)
             self.batch = []
 

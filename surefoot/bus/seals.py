@@ -11,13 +11,17 @@ import hashlib
 import secrets
 import time
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple, cast
+
+from pydantic_core import from_json
 
 DRIVER = "driver"
 VARIABLE = "SUREFOOT_SECRET"
 """Environment variable by which the supervisor passes its secret to the processes that it starts."""
 DRAWN, BORN, SEAL = 4, 12, 16
 """Lengths of parts of a sealed name: `DRAWN` ``f`` and random digits, `BORN` digits of the time, `SEAL` of the hash."""
+MOST_DIGITS = 20
+"""Most digits of the time in a seal."""
 BLOCK = 64
 """Length of a block of SHA-256, bytes."""
 MOST_KNOWN = 1024
@@ -71,16 +75,30 @@ def _begun(key: bytes) -> Any:
     return hashlib.sha256(key.ljust(BLOCK, b"\0"))
 
 
+class Sealed(NamedTuple):
+    """Message to participants as it came: key, payload, attachment, time of the seal (ns of the machine) and seal."""
+
+    key: str
+    payload: bytes
+    attachment: bytes | None
+    number: bytes
+    seal: bytes
+
+
 def with_seal(secret: str, key: str, payload: bytes, attachment: bytes | None) -> bytes:
-    """Return the attachment of a message to participants, which a line break and the seal of the message follow."""
-    return (attachment or b"") + b"\n" + seal_of(secret, key.encode(), attachment or b"", payload)
+    """Return the attachment of a message to participants, followed by a line break, ``<time, ns>:<seal>``."""
+    number = b"%d" % time.monotonic_ns()
+    head = attachment or b""
+    return head + b"\n" + number + b":" + seal_of(secret, key.encode() + b" " + number, head, payload)
 
 
-def without_seal(attachment: bytes | None) -> tuple[bytes | None, bytes]:
-    """Return attachment and seal of a message to participants; the seal is empty if the message has none."""
-    if attachment is None or attachment[-SEAL - 1 : -SEAL] != b"\n":
-        return attachment, b""
-    return attachment[: -SEAL - 1] or None, attachment[-SEAL:]
+def without_seal(attachment: bytes | None) -> tuple[bytes | None, bytes, bytes]:
+    """Return attachment, time and seal of a message to participants; the last two are empty if it has no seal."""
+    head, line, last = (attachment or b"").rpartition(b"\n")
+    number, _, seal = last.partition(b":")
+    if not line or not number.isdigit() or len(number) > MOST_DIGITS or len(seal) != SEAL:
+        return attachment, b"", b""
+    return head or None, number, seal
 
 
 class Guard:
@@ -96,6 +114,8 @@ class Guard:
         self._secret = secret
         self._names, self._services = set[str](), set[str]()
         self._drivers: dict[str, None] = {}
+        self._newest: dict[str, int] = {}
+        """Time of the newest sealed message of each key, ns of the machine."""
         self._forged: dict[str, int] = {}
 
     def on_token(self, service: str, instance: str) -> None:
@@ -110,14 +130,35 @@ class Guard:
         if not self._names.isdisjoint(self._drivers):
             self._services.add(DRIVER)
 
-    def passes(self, owner: str, key: str, payload: bytes, attachment: bytes | None, seal: bytes) -> bool:
-        """Return whether a message of a service may be read; one without its seal is counted."""
+    def passes(self, owner: str, message: Sealed) -> bool:
+        """Return whether a message of a service may be read; one without its seal, or that came before, is counted."""
         if owner not in self._services:
             return True
-        right = secrets.compare_digest(seal, seal_of(self._secret, key.encode(), attachment or b"", payload))
-        if not right and (key in self._forged or len(self._forged) < MOST_KNOWN):
+        key, number = message.key, int(message.number or b"0")
+        name = f"{key} {number}".encode()
+        seal = seal_of(self._secret, name, message.attachment or b"", message.payload)
+        if not secrets.compare_digest(message.seal, seal) or number <= self._newest.get(key, 0):
+            return self._refuse(key)
+        self._newest[key] = number
+        return True
+
+    def owns(self, key: str, owner: str, payload: bytes) -> bool:
+        """Return whether a message comes on the key of the service that it names as its source, or names none.
+
+        The last word of a key such as ``@tick/walker`` is that service.
+        """
+        try:
+            named: Any = from_json(payload) if payload else {}
+        except ValueError:
+            return True  # refused where it is decoded
+        table = cast("dict[str, Any]", named) if isinstance(named, dict) else {}
+        sources = [table.get(name, owner) for name in ("source", "service")]
+        return all(source in ("", owner) for source in sources) or self._refuse(key)
+
+    def _refuse(self, key: str) -> bool:
+        if key in self._forged or len(self._forged) < MOST_KNOWN:
             self._forged[key] = self._forged.get(key, 0) + 1
-        return right
+        return False
 
     def forged(self) -> list[tuple[str, int]]:
         """Return key and number of the messages without a seal since the last call."""

@@ -25,7 +25,7 @@ from surefoot.bus.options import reading_threads, why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
-from surefoot.bus.seals import Guard, born_ms, sealed_name, without_seal
+from surefoot.bus.seals import Guard, Sealed, born_ms, sealed_name, without_seal
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Request, Wire
@@ -194,8 +194,9 @@ class ZenohBus:
                 handler = Callback(_delivery_sink(self._guard, topic, sink), indirect=True)
                 self._keep.append(self.session.declare_subscriber(participants_key(topic, "*"), handler))
         for owner, wanted in owners.items():
-            handler = Callback(_frame_sink(owner, wanted, sink, self.endpoint.secret), indirect=False)
-            self._keep.append(self.session.declare_subscriber(family.format(owner), handler))
+            key = family.format(owner)
+            handler = Callback(_frame_sink(owner, wanted, sink, (self.endpoint.secret, key)), indirect=False)
+            self._keep.append(self.session.declare_subscriber(key, handler))
 
     def serve(
         self,
@@ -312,9 +313,12 @@ def _raw(topic: Topic[Any], sample: zenoh.Sample, attachment: bytes | None) -> R
 def _guarded(guard: Guard, topic: Topic[Any], sample: zenoh.Sample) -> Delivery | None:
     """Return a message to participants; None if it lacks the seal that messages of its service need."""
     sealed, key = sample.attachment, str(sample.key_expr)
-    attachment, seal = without_seal(None if sealed is None else sealed.to_bytes())
+    attachment, number, seal = without_seal(None if sealed is None else sealed.to_bytes())
     raw, last = _raw(topic, sample, attachment), key.rpartition("/")[2]
-    if not guard.passes(last if topic.owner == "*" else topic.owner, key, raw.payload, attachment, seal):
+    owner = last if topic.owner == "*" else topic.owner
+    if topic.owner == "*" and not guard.owns(key, last, raw.payload):
+        return None
+    if not guard.passes(owner, Sealed(key, raw.payload, attachment, number, seal)):
         return None
     return Delivery(topic, None, raw, None, last if topic.kind is Kind.LATCHED else "")
 
@@ -333,12 +337,12 @@ def _delivery_sink(guard: Guard, topic: Topic[Any], sink: Callable[[Any], Any]) 
 
 
 def _frame_sink(
-    owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], Any], secret: str
+    owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], Any], seal: tuple[str, str]
 ) -> Callable[[zenoh.Sample], None]:
     def on_sample(sample: zenoh.Sample) -> None:
         keep_thread_state()
         index = sample.attachment
-        sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes(), secret))
+        sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes(), *seal))
 
     return on_sample
 

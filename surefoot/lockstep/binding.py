@@ -46,6 +46,8 @@ class Bindings:
         """Seal of the last sealed process that each service was bound to, by service."""
         self._sealed = set[tuple[str, str]]()
         """Pairs of service and process name whose frames must be sealed; only processes of the system are added."""
+        self._newest: dict[tuple[str, str], int] = {}
+        """Time of the seal of the newest frame by key and process, ns of the machine."""
         self._early: Counter[tuple[str, str]] = Counter()
         self._turn: Counter[str] = Counter()
         """Index of the candidate of each service that ``candidates`` returns first at its next call."""
@@ -123,14 +125,19 @@ class Bindings:
             self._seals[service] = seal
 
     def check_seal(self, frame: Frame) -> None:
-        """Raise a Refusal (forged) if a frame has the sealed name of a visible process, and not the seal of a frame."""
+        """Raise a Refusal if a frame has the sealed name of a visible process, but no seal (forged), or came before."""
         place = frame.owner, frame.instance
         if place not in self._sealed:
             if not self._seal(*place).born_ms:
                 return
             self._sealed.add(place)
+        family = frame.family, frame.instance
+        what = f"frame of the {frame.owner} in the name of {frame.instance!r}"
+        if 0 < frame.sealed_ns <= self._newest.get(family, 0):
+            raise Refusal("replayed", f"{what}, one of an earlier time")
         if not frame.sealed:
-            raise Refusal("forged", f"frame of the {frame.owner} in the name of {frame.instance!r}, without a seal")
+            raise Refusal("forged", f"{what}, without a seal")
+        self._newest[family] = frame.sealed_ns
 
     def note_early(self, service: str, instance: str) -> None:
         """Count a frame of a process that the service is not bound to, or not yet."""

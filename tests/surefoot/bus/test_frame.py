@@ -95,25 +95,43 @@ def test_an_index_counts_in_the_size_of_a_frame_and_has_a_limit() -> None:
 SECRET = "5ea1" * 8
 
 
+def sealed(seed: int = 0, count: int = 3, secret: str = SECRET, family: str = "@frame/walker") -> tuple[bytes, bytes]:
+    return pack(parts(seed, count), "w", secret, family)
+
+
+def taken(made: tuple[bytes, bytes], family: str = "@frame/walker") -> Frame:
+    return Frame("walker", TAKEN, *made, SECRET, family)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_sealed_frame_is_the_same_frame_with_a_seal(seed: int) -> None:
-    plain = Frame("walker", TAKEN, *pack(parts(seed, 5), "w"))
-    sealed = Frame("walker", TAKEN, *pack(parts(seed, 5), "w", SECRET), SECRET)
-    assert sealed.sealed
+    plain, made = taken(pack(parts(seed, 5), "w")), taken(sealed(seed, 5))
+    assert made.sealed
     assert not plain.sealed
-    assert sealed.instance == plain.instance == "w"
-    assert sealed.deliveries() == plain.deliveries()
+    assert made.instance == plain.instance == "w"
+    assert made.deliveries() == plain.deliveries()
+    assert taken(sealed()).sealed_ns > made.sealed_ns > plain.sealed_ns == 0
 
 
 def test_whatever_is_changed_in_a_sealed_frame_breaks_its_seal() -> None:
-    payload, index = pack(parts(0, 3), "w", SECRET)
+    payload, index = sealed()
     whole = payload + index
     for at in range(len(whole)):
         changed = whole[:at] + bytes([whole[at] ^ (1 + at % 255)]) + whole[at + 1 :]
-        assert not Frame("walker", TAKEN, changed[: len(payload)], changed[len(payload) :], SECRET).sealed
+        assert not taken((changed[: len(payload)], changed[len(payload) :])).sealed
 
 
 @pytest.mark.parametrize("secret", ["", "0" * 32])
 def test_without_the_secret_no_seal_is_made(secret: str) -> None:
-    assert not Frame("walker", TAKEN, *pack(parts(0, 3), "w", secret), SECRET).sealed
-    assert not Frame("walker", TAKEN, *pack(parts(0, 3), "w", secret)).sealed
+    assert not taken(sealed(secret=secret)).sealed
+    assert not Frame("walker", TAKEN, *sealed()).sealed
+
+
+def test_a_seal_holds_under_its_own_key_only() -> None:
+    assert not taken(sealed(), "@batch/walker").sealed
+    assert not taken(sealed(), "@frame/estimator").sealed
+
+
+@pytest.mark.parametrize("number", [b"", b"-1", b"x", b"\xff", b"9" * 30, b"1:2"])
+def test_a_strange_time_is_no_seal(number: bytes) -> None:
+    assert not taken((b"[]", b"w:" + number + b":" + b"0" * 16 + b";cmd/joints,0,-1,0,0,0")).sealed

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surefoot.bus.options import ZenohOptions
-from surefoot.bus.seals import Guard, born_ms, new_secret, seal_of, sealed_name, with_seal, without_seal
+from surefoot.bus.seals import Guard, Sealed, born_ms, new_secret, sealed_name, with_seal, without_seal
 from surefoot.bus.zenoh import ZenohBus
 from surefoot.schemas.system import Done
 from surefoot.schemas.topics import TICK_DONE
@@ -51,29 +51,58 @@ def test_a_session_has_the_sealed_name_of_its_service() -> None:
     assert SECRET not in repr(options)
 
 
-def test_what_is_published_to_participants_carries_a_seal_that_comes_off_again() -> None:
-    for payload, attachment in ((b"{}", None), (b"raw", b'{"a": 1}'), (b"", None)):
-        sealed = with_seal(SECRET, "@tick/walker", payload, attachment)
-        assert without_seal(sealed) == (attachment, seal_of(SECRET, b"@tick/walker", attachment or b"", payload))
-    assert without_seal(b'{"a": 1}') == (b'{"a": 1}', b"")
-    assert without_seal(None) == (None, b"")
+def made(key: str, payload: bytes = b"{}", secret: str = SECRET, attachment: bytes | None = None) -> Sealed:
+    return Sealed(key, payload, *without_seal(with_seal(secret, key, payload, attachment)))
+
+
+def bare(key: str) -> Sealed:
+    return Sealed(key, b"{}", None, b"", b"")
+
+
+@pytest.mark.parametrize(
+    ("payload", "attachment"), [(b"{}", None), (b"raw", b'{"a": 1}'), (b"", None), (b"x", b"a\nb")]
+)
+def test_what_is_published_to_participants_carries_a_seal_that_comes_off_again(
+    payload: bytes, attachment: bytes | None
+) -> None:
+    assert made("@tick/walker", payload, attachment=attachment).attachment == attachment
+    assert without_seal(attachment) == (attachment, b"", b"")
 
 
 def test_messages_of_a_service_need_its_seal_once_a_sealed_process_was_seen() -> None:
     guard, key = Guard(SECRET), "@tick/walker"
-    seal = seal_of(SECRET, key.encode(), b"", b"{}")
-    assert guard.passes("walker", key, b"{}", None, b"")
+    assert guard.passes("walker", bare(key))
     guard.on_token("walker", "stranger")
     guard.on_token("walker", sealed_name(SECRET, "estimator"))
-    assert guard.passes("walker", key, b"{}", None, b"")
+    assert guard.passes("walker", bare(key))
     guard.on_token("walker", sealed_name(SECRET, "walker"))
-    assert guard.passes("walker", key, b"{}", None, seal)
-    assert not guard.passes("walker", key, b"{}", None, b"")
-    assert not guard.passes("walker", key, b"{ }", None, seal)
-    assert not guard.passes("walker", "@tick/estimator", b"{}", None, seal)
-    assert guard.passes("another", "@tick/another", b"{}", None, b"")
-    assert dict(guard.forged()) == {key: 2, "@tick/estimator": 1}
+    right = made(key)
+    assert guard.passes("walker", right)
+    for wrong in (bare(key), right, right._replace(payload=b"{ }"), made(key, secret=new_secret())):
+        assert not guard.passes("walker", wrong)
+    assert guard.passes("walker", made(key))
+    assert not guard.passes("walker", made(key)._replace(key="@tick/estimator"))
+    assert guard.passes("another", bare("@tick/another"))
+    assert dict(guard.forged()) == {key: 4, "@tick/estimator": 1}
     assert guard.forged() == []
+
+
+@pytest.mark.parametrize(
+    ("owner", "payload", "right"),
+    [
+        ("walker", b'{"source": "walker"}', True),
+        ("walker", b"", True),
+        ("walker", b"{", True),
+        ("walker", b"[]", True),
+        ("zz", b'{"source": "walker"}', False),
+        ("*", b'{"source": "walker"}', False),
+        ("zz", b'{"source": "zz", "service": "walker"}', False),
+        ("zz", b'{"source": "zz", "so\\u0075rce": "walker"}', False),
+        ("zz", b'{"source": ["walker"]}', False),
+    ],
+)
+def test_a_message_on_the_key_of_a_service_names_that_service(owner: str, payload: bytes, right: bool) -> None:
+    assert Guard("").owns(f"@tick/{owner}", owner, payload) is right
 
 
 @pytest.mark.parametrize("first", ["driver", "simulator"])
@@ -81,7 +110,7 @@ def test_the_driver_needs_the_seal_of_the_service_that_drives(first: str) -> Non
     guard, name = Guard(SECRET), sealed_name(SECRET, "simulator")
     for service in (first, *{"driver", "simulator"} - {first}):
         guard.on_token(service, name)
-    assert not guard.passes("driver", "@terrain/map/x", b"{}", None, b"")
+    assert not guard.passes("driver", bare("@terrain/map/x"))
 
 
 def test_a_forged_report_of_a_tick_reaches_nobody_over_the_network(net: Net) -> None:

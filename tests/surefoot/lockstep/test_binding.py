@@ -112,9 +112,12 @@ def test_without_a_secret_the_first_stays_while_it_is_there() -> None:
     assert table.bind("walker", "second")
 
 
+KEY = "@frame/walker"
+
+
 def frame(instance: str, secret: str) -> Frame:
     part = FramePart(CMD_JOINTS.key, b"{}", Stamp(5, 1, 0, 0))
-    return Frame("walker", {CMD_JOINTS.key: CMD_JOINTS}, *pack([part], instance, secret), "s")
+    return Frame("walker", {CMD_JOINTS.key: CMD_JOINTS}, *pack([part], instance, secret, KEY), "s", KEY)
 
 
 def test_a_frame_in_the_sealed_name_of_another_is_forged() -> None:
@@ -125,3 +128,16 @@ def test_a_frame_in_the_sealed_name_of_another_is_forged() -> None:
     for secret in ("", "another"):
         with expect_error(Refusal, "forged", text="in the name of 'walker@5'"):
             table.check_seal(frame("walker@5", secret))
+
+
+def test_a_frame_counts_once_and_none_of_an_earlier_time() -> None:
+    table = Table()
+    table.comes("walker", "walker@5")
+    first, second = frame("walker@5", "s"), frame("walker@5", "s")
+    table.check_seal(second)
+    for replay in (first, second, first):
+        with expect_error(Refusal, "replayed", text="in the name of 'walker@5'"):
+            table.check_seal(replay)
+    with expect_error(Refusal, "forged"):
+        table.check_seal(frame("walker@5", "another"))
+    table.check_seal(frame("walker@5", "s"))
