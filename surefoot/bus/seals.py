@@ -15,6 +15,8 @@ from typing import Any, NamedTuple, cast
 
 from pydantic_core import from_json
 
+from surefoot.bus.codec import MAX_JSON_BYTES
+
 DRIVER = "driver"
 VARIABLE = "SUREFOOT_SECRET"
 """Environment variable by which the supervisor passes its secret to the processes that it starts."""
@@ -148,9 +150,9 @@ class Guard:
         The last word of a key such as ``@tick/walker`` is that service.
         """
         try:
-            named: Any = from_json(payload) if payload else {}
+            named: Any = from_json(payload) if 0 < len(payload) <= MAX_JSON_BYTES else {}
         except ValueError:
-            return True  # refused where it is decoded
+            return True  # refused where it is decoded, as one that is too large
         table = cast("dict[str, Any]", named) if isinstance(named, dict) else {}
         sources = [table.get(name, owner) for name in ("source", "service")]
         return all(source in ("", owner) for source in sources) or self._refuse(key)

@@ -94,6 +94,7 @@ def test_messages_of_a_service_need_its_seal_once_a_sealed_process_was_seen() ->
         ("walker", b"", True),
         ("walker", b"{", True),
         ("walker", b"[]", True),
+        ("walker", b"[" * 9999, True),
         ("zz", b'{"source": "walker"}', False),
         ("*", b'{"source": "walker"}', False),
         ("zz", b'{"source": "zz", "service": "walker"}', False),
