@@ -222,8 +222,8 @@ def rules(
 ) -> None:  # fmt: skip
     """Learned footholds beside other rules: ratios of mean contact sliding per stance, paired over seeds, and targets.
 
-    Intervals are 95 % of 4000 resamplings of the seeds. ``--rules learned:0.3,learned:0.8`` compares weights of the
-    distance, on seeds that serve nothing else.
+    Intervals are 95 % of 4000 resamplings of the seeds. ``--rules learned:0.3,learned:0.8`` compares two
+    weights k of the distance to the nominal foothold, 1/m; give seeds that no other study uses.
 
     Args:
         rules: by commas, see `rule_of`.

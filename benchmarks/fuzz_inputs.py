@@ -45,7 +45,7 @@ class Tally:
 
 
 class Drawer:
-    """Draws random values that fit a JSON Schema."""
+    """Generator of random values for a JSON Schema: most fit, some numbers lie at their limits or 1 beyond."""
 
     def __init__(self, schema: dict[str, Any], random: Random) -> None:
         self._root, self._random = schema, random

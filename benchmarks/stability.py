@@ -28,8 +28,8 @@ BENCH = Bench("stability")
 
 SIXTEEN = equally_spaced(16)
 LEFT_OUT = 0.005
-"""Share of a region's area, 0 to 1, left out by 16 adaptive directions, above which the best choice of corners is
-printed."""
+"""Share of a region's area, 0 to 1, that the inner polygon of 16 adaptive directions lacks; above it the share that
+the best polygon of 16 border points lacks is printed beside it."""
 
 
 def normals(slope: Array, heading: Array) -> Array:

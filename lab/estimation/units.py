@@ -67,9 +67,9 @@ def _check_sign(log: Log, good: NDArray[np.bool_]) -> None:
 
 
 def _check_gyro(log: Log, good: NDArray[np.bool_]) -> None:
-    """Raise SurefootError unless gravity turns as the gyro measures: q' = -w x q over means of 0.3 s.
+    """Raise SurefootError if the gyro seems to be in deg/s or of opposite sign, by q' = -w x q over means of 0.3 s.
 
-    q specific force, w rate of turn, in rows that are `good` (n,).
+    q specific force, m/s^2, w rate of turn, rad/s, both in axes of the inertial unit, in rows that are `good` (n,).
     """
     w, q = log.w[good], log.q[good]
     most = float(np.quantile(np.abs(w), 0.999))

@@ -22,7 +22,8 @@ class GaitView:
     """State of the walker from the topic `state/gait`, reduced to what goals need."""
 
     state: str
-    """State of the gait: standing, walking, waiting (the estimator calibrates), refused (the robot fell), ..."""
+    """State of the gait as in `state/gait`, such as standing, walking, waiting (the estimator calibrates), hold (inputs
+    are stale), refused (the robot fell, or no step could be planned)."""
     walk_id: int = 0
     """Number of the walker's present command, from any client."""
     order: int = 0

@@ -103,7 +103,7 @@ class Ages:
         return [key for key in late if key not in before], [key for key in before if key not in late]
 
     def _age(self, newest: Mapping[str, Any], now: int) -> None:
-        """Update the stamps from the newest messages; an input awaited only from now on may first reach its limit."""
+        """Set the stamp, ns, of each input to that of its newest message, or to `now` if its source has just joined."""
         roster, absent = self._known
         for key, owner in self._owners.items():
             message, stamp = newest.get(key), self._stamps.get(key)
