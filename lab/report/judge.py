@@ -141,7 +141,9 @@ class RunVerdict:
         A limit is missed only where the part that is lost cannot change that, as for the largest tilt,
         but not for the distance walked.
         """
-        rows = tuple(row if METRICS[row.name].lasting else replace(row, ok=None) for row in self.rows)
+        rows = tuple(
+            row if METRICS[row.name].lasting and row.ok is False else replace(row, ok=None) for row in self.rows
+        )
         titles = [METRICS[row.name].title for row in rows if row.limits and row.value is not None and row.ok is None]
         note = f"only a part of the run can be read, which leaves open: {', '.join(titles)}"
         return replace(self, rows=rows, partly=True, notes=(*self.notes, note) if titles else self.notes)

@@ -8,6 +8,7 @@ copy is the seal of a frame: a keyed hash of the frame.
 """
 
 import hashlib
+import os
 import secrets
 import time
 from functools import lru_cache
@@ -16,6 +17,7 @@ from typing import Any, NamedTuple, cast
 from pydantic_core import from_json
 
 from surefoot.bus.codec import MAX_JSON_BYTES
+from surefoot.errors import ConfigError
 
 DRIVER = "driver"
 VARIABLE = "SUREFOOT_SECRET"
@@ -24,6 +26,9 @@ DRAWN, BORN, SEAL = 4, 12, 16
 """Lengths of parts of a sealed name: `DRAWN` ``f`` and random digits, `BORN` digits of the time, `SEAL` of the hash."""
 MOST_DIGITS = 20
 """Most digits of the time in a seal."""
+MOST_NAMED, MOST_SHOWN, OTHERS = 16, 80, "other keys"
+"""`MOST_NAMED`: keys of refused messages that are named in a report, of at most `MOST_SHOWN` characters; the rest count
+as `OTHERS`."""
 BLOCK = 64
 """Length of a block of SHA-256, bytes."""
 MOST_KNOWN = 1024
@@ -33,6 +38,18 @@ MOST_KNOWN = 1024
 def new_secret() -> str:
     """Return a new secret of 32 random hexadecimal digits."""
     return secrets.token_hex(16)
+
+
+def given_secret() -> str:
+    """Return the secret of the environment, empty if it has none.
+
+    Raises:
+        ConfigError: it is not 32 hexadecimal digits; the sentence does not repeat it.
+    """
+    found = os.environ.get(VARIABLE, "")
+    if found and not (len(found) == DRAWN + BORN + SEAL and set(found) <= set("0123456789abcdef")):
+        raise ConfigError("invalid", f"{VARIABLE}: got {len(found)} characters, allowed: 32 of 0-9a-f", VARIABLE)
+    return found
 
 
 def sealed_name(secret: str, service: str) -> str:
@@ -49,7 +66,9 @@ def born_ms(secret: str, service: str, name: str) -> int:
     It is 0 for a name that was not made with this secret for this service, and without a secret (empty).
     """
     head, seal = name[:-SEAL], name[-SEAL:]
-    if not secret or len(name) != DRAWN + BORN + SEAL or not secrets.compare_digest(seal, _hash(secret, service, head)):
+    if not secret or len(name) != DRAWN + BORN + SEAL or not name.isascii():
+        return 0
+    if not secrets.compare_digest(seal, _hash(secret, service, head)):
         return 0
     return int(head[DRAWN:], 16)
 
@@ -65,7 +84,7 @@ def seal_of(secret: str, name: bytes, index: bytes, payload: bytes) -> bytes:
     """
     key = secret.encode()
     made = _begun(key).copy()
-    made.update(name + b";" + index)
+    made.update(b"%d;%d;" % (len(name), len(index)) + name + index)
     made.update(payload)
     made.update(key)
     return made.hexdigest()[:SEAL].encode()
@@ -125,10 +144,10 @@ class Guard:
         if born_ms(self._secret, service, instance):
             self._names.add(instance)
             self._services.add(service)
-        elif service == DRIVER:
+        elif service == DRIVER and len(instance) == DRAWN + BORN + SEAL and instance[:1] == "f":
             self._drivers[instance] = None
             if len(self._drivers) > MOST_KNOWN:
-                del self._drivers[next(iter(self._drivers))]
+                self._drivers.pop(next(iter(self._drivers)), None)
         if not self._names.isdisjoint(self._drivers):
             self._services.add(DRIVER)
 
@@ -155,11 +174,13 @@ class Guard:
             return True  # refused where it is decoded, as one that is too large
         table = cast("dict[str, Any]", named) if isinstance(named, dict) else {}
         sources = [table.get(name, owner) for name in ("source", "service")]
-        return all(source in ("", owner) for source in sources) or self._refuse(key)
+        return all(source in ("", owner) for source in sources) or self._refuse(key.rpartition("/")[0] + "/*")
 
     def _refuse(self, key: str) -> bool:
-        if key in self._forged or len(self._forged) < MOST_KNOWN:
-            self._forged[key] = self._forged.get(key, 0) + 1
+        key = key[:MOST_SHOWN]
+        if key not in self._forged and len(self._forged) >= MOST_NAMED:
+            key = OTHERS
+        self._forged[key] = self._forged.get(key, 0) + 1
         return False
 
     def forged(self) -> list[tuple[str, int]]:

@@ -261,7 +261,9 @@ class ZenohBus:
 
     def look_at_links(self) -> list[LinkTrouble]:
         lost = self._mesh.look() if self.endpoint.mode == "peer" else []
-        forged = [LinkTrouble("forged", f"{n}x {key} without a seal", key) for key, n in self._guard.forged()]
+        forged = [
+            LinkTrouble("forged", f"{n}x {key} without the seal of its service", key) for key, n in self._guard.forged()
+        ]
         return [*self._unread.look(), *lost, *forged]
 
     def _visible(self, session: zenoh.Session) -> set[str]:
@@ -284,7 +286,8 @@ class ZenohBus:
     def watch(self, sink: Callable[[Life], Any]) -> None:
         def on_life(sample: zenoh.Sample) -> None:
             _, service, instance = str(sample.key_expr).rsplit("/", 2)
-            self._guard.on_token(service, instance)
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._guard.on_token(service, instance)
             sink(Life(service, instance, sample.kind == zenoh.SampleKind.PUT))
 
         self._keep.append(self.session.liveliness().declare_subscriber(f"{LIVE}/*/*", on_life, history=True))

@@ -126,18 +126,22 @@ class Bindings:
 
     def check_seal(self, frame: Frame) -> None:
         """Raise a Refusal if a frame has the sealed name of a visible process, but no seal (forged), or came before."""
+        if code := self.fault_of(frame):
+            how = "one of an earlier time" if code == "replayed" else "without a seal"
+            raise Refusal(code, f"frame of the {frame.owner} in the name of {frame.instance!r}, {how}")
+        if (frame.owner, frame.instance) in self._sealed:
+            self._newest[frame.family, frame.instance] = frame.sealed_ns
+
+    def fault_of(self, frame: Frame) -> str:
+        """Return why a frame is not what its process published, `forged` or `replayed`; "" if nothing shows that."""
         place = frame.owner, frame.instance
         if place not in self._sealed:
             if not self._seal(*place).born_ms:
-                return
+                return ""
             self._sealed.add(place)
-        family = frame.family, frame.instance
-        what = f"frame of the {frame.owner} in the name of {frame.instance!r}"
-        if 0 < frame.sealed_ns <= self._newest.get(family, 0):
-            raise Refusal("replayed", f"{what}, one of an earlier time")
         if not frame.sealed:
-            raise Refusal("forged", f"{what}, without a seal")
-        self._newest[family] = frame.sealed_ns
+            return "forged"
+        return "replayed" if frame.sealed_ns <= self._newest.get((frame.family, frame.instance), 0) else ""
 
     def note_early(self, service: str, instance: str) -> None:
         """Count a frame of a process that the service is not bound to, or not yet."""

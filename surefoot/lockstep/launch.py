@@ -63,7 +63,7 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
 
 
 def _serve(service: Service[Any], options: argparse.Namespace) -> int:
-    from surefoot.bus.seals import VARIABLE
+    from surefoot.bus.seals import given_secret
     from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.lockstep.local import node_of
 
@@ -73,7 +73,7 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
         tuple(options.listen),
         options.namespace,
         identity=service.name,
-        secret=os.environ.get(VARIABLE, ""),
+        secret=given_secret(),
     )
     if options.mode != "router":
         os.environ.setdefault("ZENOH_RUNTIME", ZENOH_RUNTIME)  # read when the process opens its first session

@@ -57,7 +57,7 @@ class Patience:
             if isinstance(item, Life):
                 self._bindings.on_life(item)
             elif isinstance(item, Frame) and item.owner == DRIVER and item.instance == self._bindings.bound.get(DRIVER):
-                newest = item
+                newest = newest if self._bindings.fault_of(item) else item
         if newest is None:
             return
         try:

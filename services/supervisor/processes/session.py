@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from surefoot.bus.endpoint import to_listen
 from surefoot.bus.interface import Life, Publisher
-from surefoot.bus.seals import VARIABLE, new_secret
+from surefoot.bus.seals import VARIABLE, given_secret, new_secret
 from surefoot.bus.zenoh import DEFAULT_FLEET, ZenohBus
 from surefoot.bus.zenoh import ZenohOptions as BusEndpoint
 from surefoot.errors import BusError, CallError
@@ -67,7 +67,7 @@ class Session:
         self.folder = RunFolder(compose.name)
         self._spawn = spawn
         self._notify = notify
-        self._secret = os.environ.get(VARIABLE) or (new_secret() if spawn else "")
+        self._secret = given_secret() or (new_secret() if spawn else "")
         """Secret by which the processes of this system know each other; those started elsewhere need it given."""
         own = {
             "SUREFOOT_CONNECT": self.listen,

@@ -5,11 +5,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surefoot.bus.options import ZenohOptions
-from surefoot.bus.seals import Guard, Sealed, born_ms, new_secret, sealed_name, with_seal, without_seal
+from surefoot.bus.seals import (
+    VARIABLE,
+    Guard,
+    Sealed,
+    born_ms,
+    given_secret,
+    new_secret,
+    sealed_name,
+    with_seal,
+    without_seal,
+)
 from surefoot.bus.zenoh import ZenohBus
+from surefoot.errors import ConfigError
 from surefoot.schemas.system import Done
 from surefoot.schemas.topics import TICK_DONE
 from tests.ports import free_address
+from tests.surefoot.expect import expect_error
 from tests.surefoot.net import Inbox, Net, wait_until
 
 SECRET = "c0ffee" * 5 + "00"
@@ -33,6 +45,39 @@ def test_a_name_with_another_digit_has_no_seal(place: int, digit: str) -> None:
     name = sealed_name(SECRET, "walker")
     other = name[:place] + digit + name[place + 1 :]
     assert (born_ms(SECRET, "walker", other) > 0) == (other == name)
+
+
+@pytest.mark.parametrize("seal", ["\ufffd" * 16, "e\u0301" * 8, "\x00" * 16])
+def test_a_name_that_is_not_ascii_has_no_seal(seal: str) -> None:
+    assert born_ms(SECRET, "walker", sealed_name(SECRET, "walker")[:16] + seal) == 0
+
+
+@pytest.mark.parametrize("secret", ["x", "a" * 31, "A" * 32, "a" * 32 + "\n"])
+def test_a_secret_of_another_form_is_refused_and_not_shown(secret: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, secret)
+    with expect_error(ConfigError, "invalid", text=f"got {len(secret)} characters") as caught:
+        given_secret()
+    assert len(secret) < 2 or secret not in str(caught.value)
+
+
+def test_whoever_shifts_bytes_between_attachment_and_payload_breaks_the_seal() -> None:
+    guard = Guard(SECRET)
+    guard.on_token("walker", sealed_name(SECRET, "walker"))
+    right = made("@terrain/map/x", b"payload", attachment=b"attachment")
+    shifted = right._replace(payload=b"tpayload", attachment=b"attachmen")
+    assert not guard.passes("walker", shifted)
+    assert guard.passes("walker", right)
+
+
+def test_keys_of_strangers_fill_no_report() -> None:
+    guard = Guard("")
+    for number in range(1000):
+        assert not guard.owns(f"@health/{number:0500}", str(number), b'{"source": "zz"}')
+        assert not guard.owns(f"@health{number}/x", "x", b'{"source": "zz"}')
+    found = dict(guard.forged())
+    assert len(found) <= 17
+    assert sum(found.values()) == 2000
+    assert max(map(len, found)) <= 80
 
 
 @given(st.text(max_size=40))
@@ -136,4 +181,4 @@ def test_a_forged_report_of_a_tick_reaches_nobody_over_the_network(net: Net) -> 
         stranger.put(late)
     publisher.put(done)
     assert inbox.get().message() == done
-    assert "without a seal" in forged()[0]
+    assert "@tick/walker without the seal of its service" in forged()[0]

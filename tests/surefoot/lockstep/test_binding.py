@@ -6,6 +6,7 @@ import pytest
 
 from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Life, Stamp
+from surefoot.bus.seals import born_ms
 from surefoot.errors import Refusal
 from surefoot.lockstep.binding import MOST_TRIED, Bindings
 from surefoot.schemas.topics import CMD_JOINTS
@@ -141,3 +142,11 @@ def test_a_frame_counts_once_and_none_of_an_earlier_time() -> None:
     with expect_error(Refusal, "forged"):
         table.check_seal(frame("walker@5", "another"))
     table.check_seal(frame("walker@5", "s"))
+
+
+def test_a_name_that_is_not_ascii_ends_nothing() -> None:
+    table = Bindings(lambda service, instance: born_ms("5ea1" * 8, service, instance))
+    odd = Frame("estimator", {}, b"[]", b"f000000000000000" + b"\xff" * 16 + b";state/velocity,0,-1,1,0,0")
+    table.on_life(Life("estimator", odd.instance, True))
+    table.check_seal(odd)
+    assert table.candidates("estimator") == (odd.instance,)

@@ -58,9 +58,9 @@ class Slow(MemoryBus):
         return REPLY
 
 
-def patient(bus: MemoryBus, beats: list[int], *, stopping: bool = False) -> tuple[Links, Inbox]:
-    bindings, inbox = Bindings(), Inbox()
-    for service in ("stability", DRIVER):
+def patient(bus: MemoryBus, beats: list[int], *, stopping: bool = False, sealed: bool = False) -> tuple[Links, Inbox]:
+    bindings, inbox = Bindings(lambda service, instance: int(sealed)), Inbox()
+    for service in ("simulator", "stability", DRIVER):
         bindings.on_life(Life(service, "s", True))
         bindings.bind(service, "s")
     return Links(bus, bindings, Patience(inbox, bindings, lambda: beats.append(1), lambda: stopping)), inbox
@@ -144,6 +144,12 @@ def test_the_wait_ends_when_nobody_needs_the_answer(newest: Tick, why: str) -> N
     inbox.put(frame_of(tick("lockstep", number=9, epoch=7), "stranger"))
     with expect_error(CallError, "absent", text=why):
         asking.call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability"))
+
+
+def test_a_forged_manifest_does_not_end_the_wait() -> None:
+    asking, inbox = patient(Slow("timeout", failures=2), [], sealed=True)
+    inbox.put(frame_of(tick("lockstep", "stability", number=-1, epoch=2)))
+    assert asking.call(STABILITY_REGION, REQUEST, 1.0, tick("lockstep", "stability")) == REPLY
 
 
 def test_a_damaged_frame_does_not_end_the_wait() -> None:
