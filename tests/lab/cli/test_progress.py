@@ -123,11 +123,13 @@ def test_a_long_command_names_its_work_and_states_share_and_time_left(in_process
 
 
 @pytest.fixture
-def sigterm():
-    """SIGTERM has no handler before, and the one of the test runner after the test."""
-    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+def default_signals():
+    """SIGTERM and SIGINT are handled as in a new program: a test runner in the background of a shell ignores SIGINT."""
+    defaults = {signal.SIGTERM: signal.SIG_DFL, signal.SIGINT: signal.default_int_handler}
+    before = {number: signal.signal(number, handler) for number, handler in defaults.items()}
     yield
-    signal.signal(signal.SIGTERM, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +138,7 @@ def sigterm():
     + [(words, inner, signal.SIGTERM) for words, _, inner in LONG if words.startswith(("why", "estimate"))],
 )
 def test_ctrl_c_or_sigterm_in_a_long_command_ends_with_one_sentence_and_no_half_file(
-    monkeypatch, in_process, talkative, recorded, sigterm, words, inner, number
+    monkeypatch, in_process, talkative, recorded, default_signals, words, inner, number
 ):
     def stop(*_, **__):
         assert signal.getsignal(number) is signal.default_int_handler  # else it ends the test runner
