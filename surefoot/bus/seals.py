@@ -4,7 +4,11 @@ The name of a process is that of its Zenoh session, 32 hexadecimal digits, and p
 frames and answers. A sealed name is ``f``, 3 random digits, 12 digits of the time since the machine was started, in ms,
 and a keyed hash (SHA-256, with the secret before and behind) of the service and these digits, cut to 16 digits. Whoever
 does not know the secret can copy such a name, but can make none that is newer; services take the newest. What it cannot
-copy is the seal of a frame: a keyed hash of the frame.
+copy is the seal of a message: with the secret K and K0, K filled up to 64 bytes by zeros,
+
+    seal = first 16 hexadecimal digits of SHA-256(K0 | "<len name>;<len index>;" | name | index | payload | K)
+
+where the name of a frame is ``<key> <process>:<time>``, that of another message ``<key> <time>``, time in ns.
 """
 
 import hashlib
@@ -20,6 +24,7 @@ from surefoot.bus.codec import MAX_JSON_BYTES
 from surefoot.errors import ConfigError
 
 DRIVER = "driver"
+"""Service of liveliness tokens that the process which drives the ticks shows beside that of its own service."""
 VARIABLE = "SUREFOOT_SECRET"
 """Environment variable by which the supervisor passes its secret to the processes that it starts."""
 DRAWN, BORN, SEAL = 4, 12, 16
@@ -80,7 +85,7 @@ def seal_of(secret: str, name: bytes, index: bytes, payload: bytes) -> bytes:
         secret: secret of the system.
         name: name of the process of a frame, or key of another message.
         index: index of a frame, or attachment of another message.
-        payload: content. A message that is sent again has the seal of the first.
+        payload: content.
     """
     key = secret.encode()
     made = _begun(key).copy()
@@ -107,7 +112,7 @@ class Sealed(NamedTuple):
 
 
 def with_seal(secret: str, key: str, payload: bytes, attachment: bytes | None) -> bytes:
-    """Return the attachment of a message to participants, followed by a line break, ``<time, ns>:<seal>``."""
+    """Return the attachment of a message to participants with a line break and ``<time, ns>:<seal>`` at its end."""
     number = b"%d" % time.monotonic_ns()
     head = attachment or b""
     return head + b"\n" + number + b":" + seal_of(secret, key.encode() + b" " + number, head, payload)
@@ -184,7 +189,7 @@ class Guard:
         return False
 
     def forged(self) -> list[tuple[str, int]]:
-        """Return key and number of the messages without a seal since the last call."""
+        """Return key and number of the messages that were refused since the last call."""
         found, self._forged = list(self._forged.items()), {}
         return found
 

@@ -37,34 +37,34 @@ def test_says_first_that_it_takes_long_and_then_how_far_it_is(monkeypatch):
     (ragno,) = warming.systems_of(["ragno"])
     jobs = (Job("simulator", "ragno"), Job("footholds", "ragno"))
     monkeypatch.setattr(warming, "jobs_of", lambda systems: jobs)
-    told = []
+    lines = []
     assert warming.is_cold(jobs)
-    warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", told.append)
-    assert told[0] == "compiling numeric kernels: 2 services, takes half a minute or more, only this once"
-    assert [line.split(" after ")[0] for line in told if " after " in line] == [f"  {n} of 2" for n in (1, 2)]
+    warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", lines.append)
+    assert lines[0] == "compiling numeric kernels: 2 services, takes half a minute or more, only this once"
+    assert [line.split(" after ")[0] for line in lines if " after " in line] == [f"  {n} of 2" for n in (1, 2)]
     assert not warming.is_cold(jobs)
     assert warming.is_cold((Job("simulator", "nao"),))
     assert warming.is_cold((Job("simulator", "ragno", rare=True),))
     monkeypatch.setattr(warming, "jobs_of", lambda systems: pytest.fail("imports the services of a warm system"))
-    count = len(told)
-    warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", told.append)
-    assert len(told) == count
+    count = len(lines)
+    warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", lines.append)
+    assert len(lines) == count
 
 
 def test_share_and_time_left_follow_the_processor_time_of_the_workers(monkeypatch):
     monkeypatch.setattr(warming, "busy_s", lambda pids: busy)
     for name in ("FIRST_S", "SECOND_S", "EACH_S"):
         monkeypatch.setattr(f"surefoot.lab.cli.progress.{name}", 0.0)
-    told, busy = [], 1.0
+    lines, busy = [], 1.0
     jobs = (Job("walker", "ragno"), Job("walker", "nao"))
-    progress = warming._WarmProgress(jobs, told.append)
+    progress = warming._WarmProgress(jobs, lines.append)
     progress.begins(7, jobs[0])
     busy += 0.5 * warming.COSTS_S["walker"]
     progress._write_due()
-    assert re.fullmatch(r"compiling numeric kernels: 25 %, about \d+ s left \(0 of 2 services\)", told[-1])
+    assert re.fullmatch(r"compiling numeric kernels: 25 %, about \d+ s left \(0 of 2 services\)", lines[-1])
     progress.another(7, jobs[0])
     progress._write_due()
-    assert "50 %" in told[-1]
+    assert "50 %" in lines[-1]
 
 
 def test_a_stamp_holds_only_while_its_kernels_are_there(tmp_path, monkeypatch):
