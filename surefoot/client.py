@@ -18,7 +18,7 @@ from surefoot.bus.codec import refusal_of
 from surefoot.bus.elsewhere import others_running
 from surefoot.bus.endpoint import checked, to_connect
 from surefoot.bus.interface import Delivery
-from surefoot.bus.zenoh import ZenohBus, ZenohOptions
+from surefoot.bus.zenoh import ZenohBus, client_options
 from surefoot.client_arguments import key_part, wait_s
 from surefoot.errors import BusError, CallError, FieldError, Refusal, SurefootError, shown
 from surefoot.nearest import did_you_mean
@@ -227,4 +227,4 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
     """
     prefix = f"{key_part(fleet, 'fleet', 'surefoot')}/{key_part(robot, 'robot', 'ragno')}"
     where = to_connect() if endpoint is None or endpoint == "" else checked("endpoint", endpoint)
-    return Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=prefix)))
+    return Client(ZenohBus(client_options(where, prefix)))

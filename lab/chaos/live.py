@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, cast
 
-from surefoot.bus.zenoh import ZenohBus, ZenohOptions
+from surefoot.bus.zenoh import ZenohBus, client_options
 from surefoot.errors import CallError, SurefootError
 from surefoot.record.recording import verify_recording
 from surefoot.schemas.base import Message
@@ -147,7 +147,7 @@ class Chaos:
 
     def __enter__(self) -> Self:
         connect = self.session.listen
-        self._bus = ZenohBus(ZenohOptions("client", (connect,), (), self.session.namespace))
+        self._bus = ZenohBus(client_options(connect, self.session.namespace))
         self._bus.subscribe(LOG, lambda delivery: self._on_log(delivery.message()), bounded=True)
         self._thread.start()
         return self

@@ -10,7 +10,7 @@ from typing import Any
 
 from surefoot.bus.endpoint import checked, to_listen
 from surefoot.bus.interface import Delivery, Publisher
-from surefoot.bus.zenoh import ZenohBus, ZenohOptions
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions, client_options
 from surefoot.client import Client, topic_named
 from surefoot.errors import BusError, Refusal, SurefootError
 from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
@@ -115,7 +115,7 @@ def play_bag(
 
 def _open(listen: str | None, connect: str | None, namespace: str) -> ZenohBus:
     if connect is not None:
-        return ZenohBus(ZenohOptions(mode="client", connect=(checked("--connect", connect),), namespace=namespace))
+        return ZenohBus(client_options(checked("--connect", connect), namespace))
     listen = to_listen(listen)
     try:
         return ZenohBus(ZenohOptions(mode="router", connect=(), listen=(listen,), namespace=namespace))

@@ -139,7 +139,8 @@ def _is_loopback(endpoint: str) -> bool:
 
 
 def _run_folders() -> Diagnosis:
-    from surefoot.services.supervisor.processes.rundir import run_folders, state_home
+    from surefoot.services.supervisor.processes.rundir import run_folders
+    from surefoot.state import state_home
 
     stale = [folder.name for folder in run_folders() if not folder.held() and folder.processes()]
     running = [folder.name for folder in run_folders() if folder.held()]

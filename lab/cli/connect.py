@@ -25,11 +25,11 @@ def joined(where: str, prefix: str) -> Iterator["Client"]:
 
     `where`: Zenoh endpoint; `prefix`: prefix of the system's keys.
     """
-    from surefoot.bus.zenoh import ZenohBus, ZenohOptions
+    from surefoot.bus.zenoh import ZenohBus, client_options
     from surefoot.client import Client
 
     _knock(where)
-    with Client(ZenohBus(ZenohOptions(mode="client", connect=(where,), namespace=prefix))) as robot:
+    with Client(ZenohBus(client_options(where, prefix))) as robot:
         yield robot
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 
-from surefoot.bus.zenoh import ZenohBus, ZenohOptions
+from surefoot.bus.zenoh import ZenohBus, client_options
 from surefoot.client import Client
 from surefoot.errors import SurefootError
 from surefoot.schemas.sim import ExperimentReply, ExperimentRequest
@@ -42,6 +42,7 @@ def remote_workers(places: Sequence[str], patience_s: float = PATIENCE_S) -> Ite
             namespace, at, endpoint = place.partition("@")
             if not (at and namespace and endpoint):
                 raise SurefootError("invalid", f"must be namespace@endpoint, got {place!r}", "worker")
-            options = ZenohOptions(mode="client", connect=(endpoint,), namespace=namespace)
-            workers.append(remote_worker(stack.enter_context(Client(ZenohBus(options))), patience_s))
+            workers.append(
+                remote_worker(stack.enter_context(Client(ZenohBus(client_options(endpoint, namespace)))), patience_s)
+            )
         yield workers

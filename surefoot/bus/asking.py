@@ -2,10 +2,12 @@
 
 A query goes to every process that serves its key, so that a process which answers first, wrongly or never delays no
 answer. The owner is identified by its session: Zenoh names the session of each answer, and the liveliness token of a
-service ends with the name of its session.
+service ends with the name of its session. In a system with a secret (see `seals`) this name may be copied, and the
+answer itself is sealed: it counts if its seal holds, for the query that was sent.
 """
 # pyright: reportUnknownMemberType=false
 
+import secrets
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -17,9 +19,10 @@ from zenoh.handlers import Callback
 
 from surefoot.bus.codec import encoding_of
 from surefoot.bus.interface import two_owners
-from surefoot.bus.mesh import visible_to
+from surefoot.bus.mesh import tokens_of, visible_to
 from surefoot.bus.pour import keep_thread_state
 from surefoot.bus.publish import participants_key
+from surefoot.bus.seals import ASKED, Asked, born_ms, new_digits, without_seal
 from surefoot.errors import CallError
 from surefoot.schemas.topics import HEALTH_GET, Query
 
@@ -31,12 +34,18 @@ MEANWHILE_S = 0.5
 
 
 class Asking:
-    """Sender of the queries of one Zenoh session; it keeps which process owns the queries of each service."""
+    """Sender of the queries of one Zenoh session; it keeps which process owns the queries of each service.
 
-    def __init__(self, session: zenoh.Session, namespace: str) -> None:
+    Args:
+        session: session of Zenoh.
+        namespace: prefix of its keys, for error messages.
+        secret: secret of the system; empty = answers need no seal.
+    """
+
+    def __init__(self, session: zenoh.Session, namespace: str, secret: str = "") -> None:
         self.refused: Counter[tuple[str, str]] = Counter()
         """Number of refused answers of processes that do not own the query, by key and process."""
-        self._session, self._namespace = session, namespace
+        self._session, self._namespace, self._secret = session, namespace, secret
         self._queriers: dict[tuple[str, bool, float], tuple[str, zenoh.Querier]] = {}
         """Key and querier by query, whether one process is asked, and timeout. One that asked a process that has been
         replaced is dropped: all peers keep about a kilobyte for a key that only its owner declares."""
@@ -52,7 +61,7 @@ class Asking:
         instance: str = "",
         meanwhile: Callable[[], Any] | None = None,
     ) -> zenoh.Reply:
-        """Return the first answer of the process that owns a query.
+        """Return the first answer of the process that owns a query; if that has a sealed name, the first sealed answer.
 
         Args:
             query: row of the table.
@@ -66,27 +75,24 @@ class Asking:
             CallError: absent or timeout, with the processes that answered without owning the query; ``second`` if two
                 processes with the owner's token answer and neither was the owner before.
         """
-        querier, replies = self._querier(query, timeout, instance), SimpleQueue[zenoh.Reply | None]()
-
-        def on_reply(reply: zenoh.Reply) -> None:
-            keep_thread_state()
-            replies.put(reply)
-
-        querier.get(
-            handler=Callback(on_reply, lambda: replies.put(None), indirect=False),
-            payload=payload,
-            encoding=encoding_of(query.request),
-            attachment=attachment,
-        )
+        key = participants_key(query, instance) if instance else query.key
+        querier = self._querier(query, key, timeout, instance)
+        asked = Asked(key, new_digits() if self._secret else b"", payload, attachment)
+        replies = _sent(querier, encoding_of(query.request), asked)
         deadline = time.monotonic() + timeout + 0.2
         owner, claims, strangers = instance or self._owners.get(query.owner, ""), dict[str, zenoh.Reply](), set[str]()
+        must_seal: bool | None = None
         while reply := _next(replies, deadline, meanwhile):
+            if _sealed(reply, asked, self._secret):
+                return reply
             by = _replier(reply)
             if not by or by in claims or by in strangers:  # without a name: the router's note of a time-out
                 continue
-            if by == owner:
+            if must_seal is None:
+                must_seal = bool(self._secret) and self._is_sealed(query, instance)
+            if by == owner and not must_seal:
                 return reply
-            if not instance and self._may_own(query, by):
+            if not instance and not must_seal and self._may_own(query, by):
                 claims[by] = reply
                 if self._owners.get(query.owner) == by:
                     return reply
@@ -99,6 +105,13 @@ class Asking:
             return next(iter(claims.values()))
         raise self._unanswered(querier, query, timeout, strangers)
 
+    def _is_sealed(self, query: Query[Any, Any], instance: str) -> bool:
+        """Return whether the process asked, or any that shows the token of a query's owner, has a sealed name."""
+        tokens = tokens_of(self._session, f"*/*/{instance or '*'}", TOKENS_S)
+        shown = [key.split("/")[-2:] for key in tokens]
+        sealed = {name for service, name in shown if born_ms(self._secret, service, name)}
+        return any(name in sealed for service, name in shown if service == query.owner)
+
     def _may_own(self, query: Query[Any, Any], process: str) -> bool:
         """Return whether a process shows the token of a query's owner; one that is alone in it is the owner."""
         tokens = visible_to(self._session, f"{LIVE}/{query.owner}/*", TOKENS_S)
@@ -110,8 +123,7 @@ class Asking:
             self._owners[query.owner] = process
         return True
 
-    def _querier(self, query: Query[Any, Any], timeout: float, instance: str) -> zenoh.Querier:
-        key = participants_key(query, instance) if instance else query.key
+    def _querier(self, query: Query[Any, Any], key: str, timeout: float, instance: str) -> zenoh.Querier:
         place = (query.key, bool(instance), timeout)
         before, querier = self._queriers.get(place, ("", None))
         if querier is None or before != key:
@@ -137,6 +149,45 @@ class Asking:
         named = " and ".join(map(repr, sorted(strangers)))
         others = f"; an answer of {named} was refused, which is not {query.owner}" if named else ""
         return CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s{others}")
+
+
+def plain_attachment(answer: zenoh.Sample) -> bytes | None:
+    """Return the attachment of an answer without its seal, None if there is none."""
+    attachment = answer.attachment
+    return None if attachment is None else without_seal(attachment.to_bytes())[0]
+
+
+def _sent(querier: zenoh.Querier, encoding: str, asked: Asked) -> SimpleQueue[zenoh.Reply | None]:
+    """Send a query and return the queue in which its answers come, and None when no other can come."""
+    replies = SimpleQueue[zenoh.Reply | None]()
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        keep_thread_state()
+        replies.put(reply)
+
+    querier.get(
+        handler=Callback(on_reply, lambda: replies.put(None), indirect=False),
+        payload=asked.payload,
+        encoding=encoding,
+        attachment=asked.attachment,
+        parameters=f"{ASKED}={asked.digits.decode()}" if asked.digits else None,
+    )
+    return replies
+
+
+def _sealed(reply: zenoh.Reply, asked: Asked, secret: str) -> bool:
+    """Return whether an answer carries the seal that only a process with the secret can make for this query."""
+    if not asked.digits:
+        return False
+    if reply.ok is None:
+        error = reply.err
+        given = b"" if error is None else str(error.encoding).rpartition(";")[2].encode()
+        return error is not None and secrets.compare_digest(given, asked.seal(secret, error.payload.to_bytes(), None))
+    sealed = reply.ok.attachment
+    attachment, digits, seal = without_seal(None if sealed is None else sealed.to_bytes())
+    if digits != asked.digits:
+        return False
+    return secrets.compare_digest(digits + b":" + seal, asked.seal(secret, reply.ok.payload.to_bytes(), attachment))
 
 
 def _next(

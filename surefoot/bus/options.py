@@ -12,7 +12,9 @@ from typing import Any
 import zenoh
 
 from surefoot.bus.endpoint import DEFAULT_ENDPOINT, any_port, checked_namespace, is_secure, settings_file
+from surefoot.bus.seals import given_secret
 from surefoot.errors import ConfigError
+from surefoot.state import secret_of
 
 DEFAULT_FLEET = "surefoot"
 RUNTIME = "ZENOH_RUNTIME"
@@ -61,6 +63,20 @@ class ZenohOptions:
     """Service whose certificate the process shows at a secure endpoint; empty = the identity of tools."""
     secret: str = field(default="", repr=False)
     """Secret with which processes of this system make and check their names (see `seals`); empty = none."""
+
+
+def client_options(connect: str, namespace: str) -> ZenohOptions:
+    """Return the options of a client, with the secret of the environment, or that of the system if this user runs it.
+
+    Args:
+        connect: Zenoh endpoint of the router.
+        namespace: prefix of the keys.
+
+    Raises:
+        ConfigError: SUREFOOT_SECRET is no secret.
+    """
+    secret = given_secret() or secret_of(connect, namespace)
+    return ZenohOptions(mode="client", connect=(connect,), namespace=namespace, secret=secret)
 
 
 @contextmanager

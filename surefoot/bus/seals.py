@@ -8,7 +8,8 @@ copy is the seal of a message: with the secret K and K0, K filled up to 64 bytes
 
     seal = first 16 hexadecimal digits of SHA-256(K0 | "<len name>;<len index>;" | name | index | payload | K)
 
-where the name of a frame is ``<key> <process>:<time>``, that of another message ``<key> <time>``, time in ns.
+where the name of a frame is ``<key> <process>:<time>``, that of another message ``<key> <time>``, time in ns. An answer
+to a query is sealed for the digits that the sender of the query drew: its name is ``?<key> <digits>`` and the request.
 """
 
 import hashlib
@@ -36,6 +37,8 @@ MOST_NAMED, MOST_SHOWN, OTHERS = 16, 80, "other keys"
 as `OTHERS`."""
 BLOCK = 64
 """Length of a block of SHA-256, bytes."""
+ASKED = "seal"
+"""Name of the parameter of a query that holds the decimal digits for which its sender expects the answer sealed."""
 MOST_KNOWN = 1024
 """Largest number of process names whose check is cached."""
 
@@ -125,6 +128,29 @@ def without_seal(attachment: bytes | None) -> tuple[bytes | None, bytes, bytes]:
     if not line or not number.isdigit() or len(number) > MOST_DIGITS or len(seal) != SEAL:
         return attachment, b"", b""
     return head or None, number, seal
+
+
+def new_digits() -> bytes:
+    """Return the digits that a query carries, drawn anew for each, so that the answer to another query is refused."""
+    return b"%d" % secrets.randbelow(10 ** (MOST_DIGITS - 1))
+
+
+class Asked(NamedTuple):
+    """Query on whose content the seal of its answer depends, as its sender sent it or as its server received it."""
+
+    key: str
+    digits: bytes
+    """Digits that the sender drew; empty = it expects no seal."""
+    payload: bytes
+    attachment: bytes | None
+
+    def seal(self, secret: str, answer: bytes, attachment: bytes | None) -> bytes:
+        """Return ``<digits>:<seal>`` of an answer to this query; empty without digits or without a secret."""
+        if not (secret and self.digits):
+            return b""
+        more = self.attachment or b""
+        name = b"?%s %s %d;" % (self.key.encode(), self.digits, len(more)) + more + self.payload
+        return self.digits + b":" + seal_of(secret, name, attachment or b"", answer)
 
 
 class Guard:

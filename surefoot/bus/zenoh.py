@@ -13,7 +13,7 @@ from typing import Any
 import zenoh
 from zenoh.handlers import Callback, RingChannel
 
-from surefoot.bus.asking import LIVE, STARTS, TOKENS_S, Asking
+from surefoot.bus.asking import LIVE, STARTS, TOKENS_S, Asking, plain_attachment
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import without_source
 from surefoot.bus.frame import Frame
@@ -21,11 +21,12 @@ from surefoot.bus.interface import Delivery, Incoming, Life, Raw
 from surefoot.bus.mesh import INTRODUCE_S, ROUTER_S, Mesh, linked_to, visible_to
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
 from surefoot.bus.options import ZenohOptions as ZenohOptions
+from surefoot.bus.options import client_options as client_options
 from surefoot.bus.options import reading_threads, why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
-from surefoot.bus.seals import Guard, Sealed, born_ms, sealed_name, without_seal
+from surefoot.bus.seals import ASKED, MOST_DIGITS, Asked, Guard, Sealed, born_ms, sealed_name, without_seal
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Request, Wire
@@ -48,12 +49,16 @@ class ZenohIncoming:
         query: row of the query table.
         key: key on which the query came.
         asked: Zenoh's object of the query.
+        secret: secret of the system, by which answers are sealed; empty = none.
         replies: queue for large replies; None for a participant, which is answered at once.
     """
 
-    def __init__(self, query: Query[Any, Any], key: str, asked: zenoh.Query, replies: Replies | None = None) -> None:
+    def __init__(
+        self, query: Query[Any, Any], key: str, asked: zenoh.Query, secret: str, replies: Replies | None = None
+    ) -> None:
         self.query = query
         self._key, self._asked, self._replies, self.participant = key, asked, replies, replies is None
+        self._secret = secret
         attachment = asked.attachment
         self._attachment = None if attachment is None else attachment.to_bytes()
         self.probe = self._attachment == PROBE
@@ -70,24 +75,32 @@ class ZenohIncoming:
 
     def reply(self, reply: Wire) -> None:
         payload, attachment = encode(reply)
-        encoding = encoding_of(type(reply))
-
-        def send(asked: zenoh.Query) -> None:
-            asked.reply(self._key, payload, encoding=encoding, attachment=attachment)
-
         if self._replies is None or len(payload) < LARGE:
-            self._send(send)
-        elif not self._replies.put(lambda: self._send(send), len(payload)):
+            self._answer(payload, attachment, encoding_of(type(reply)))
+        elif not self._replies.put(lambda: self._answer(payload, attachment, encoding_of(type(reply))), len(payload)):
             self.fail(
                 Refusal("busy", f"{self.query.key}: {WAITING} large replies are queued already; request it again later")
             )
 
     def fail(self, error: SurefootError) -> None:
         payload = encode(error.reply())[0]
-        self._send(lambda q: q.reply_err(payload, encoding=encoding_of(ErrorReply)))
+        seal = self._seal(payload, None).decode()  # in the encoding: an error has no attachment
+        encoding = f"{encoding_of(ErrorReply)};{seal}" if seal else encoding_of(ErrorReply)
+        self._send(lambda q: q.reply_err(payload, encoding=encoding))
 
     def accept_probe(self) -> None:
-        self._send(lambda q: q.reply(self._key, b"", attachment=PROBE))
+        self._answer(b"", PROBE, None)
+
+    def _answer(self, payload: bytes, attachment: bytes | None, encoding: str | None) -> None:
+        seal = self._seal(payload, attachment)
+        sealed = (attachment or b"") + b"\n" + seal if seal else attachment
+        self._send(lambda q: q.reply(self._key, payload, encoding=encoding, attachment=sealed))
+
+    def _seal(self, payload: bytes, attachment: bytes | None) -> bytes:
+        digits = str(self._asked.parameters.get(ASKED, "")).encode()[:MOST_DIGITS]
+        request = self._asked.payload
+        asked = Asked(self._key, digits, b"" if request is None else request.to_bytes(), self._attachment)
+        return asked.seal(self._secret, payload, attachment)
 
     def _send(self, send: Callable[[zenoh.Query], None]) -> None:
         with self._asked as asked:
@@ -104,7 +117,7 @@ class ZenohBus:
 
     def __init__(self, endpoint: ZenohOptions) -> None:
         self.endpoint = endpoint
-        name = sealed_name(endpoint.secret, endpoint.identity) if endpoint.secret else ""
+        name = sealed_name(endpoint.secret, endpoint.identity) if endpoint.secret and endpoint.mode != "client" else ""
         try:
             with reading_threads(endpoint):
                 self.session = zenoh.open(zenoh_config(endpoint, name))
@@ -113,7 +126,7 @@ class ZenohBus:
         self._replies = Replies()
         self._keep: list[Any] = []
         self._pours: list[threading.Thread] = []
-        self._asking = Asking(self.session, endpoint.namespace)
+        self._asking = Asking(self.session, endpoint.namespace, endpoint.secret)
         self._unread = Unread(self.session)
         self._guard = Guard(endpoint.secret)
         visible = partial(self._visible, self.session)
@@ -210,11 +223,16 @@ class ZenohBus:
         for model in (query.request, query.reply):
             encoding_of(model)
         self._pours.append(
-            pour(queryable.handler, partial(_from_stranger, self._replies, query), sink, most_hz=MOST_HZ)
+            pour(
+                queryable.handler,
+                partial(_from_stranger, self._replies, query, self.endpoint.secret),
+                sink,
+                most_hz=MOST_HZ,
+            )
         )
         if participants is not None:
             key = participants_key(query, instance)
-            handler = Callback(_query_sink(query, key, participants), indirect=False)
+            handler = Callback(_query_sink(query, key, participants, self.endpoint.secret), indirect=False)
             self._keep.append(self.session.declare_queryable(key, handler, complete=True))
 
     def call(
@@ -231,14 +249,8 @@ class ZenohBus:
         if reply.ok is None:
             assert reply.err is not None
             raise _call_error(reply.err.payload.to_bytes())
-        attachment = reply.ok.attachment
         try:
-            return decode(
-                query.reply,
-                reply.ok.payload.to_bytes(),
-                None if attachment is None else attachment.to_bytes(),
-                str(reply.ok.encoding),
-            )
+            return decode(query.reply, reply.ok.payload.to_bytes(), plain_attachment(reply.ok), str(reply.ok.encoding))
         except Refusal as refusal:
             raise CallError(refusal.code, refusal.message, refusal.field) from None
 
@@ -350,14 +362,16 @@ def _frame_sink(
     return on_sample
 
 
-def _from_stranger(replies: Replies, query: Query[Any, Any], asked: zenoh.Query) -> ZenohIncoming:
-    return ZenohIncoming(query, query.key, asked, replies)
+def _from_stranger(replies: Replies, query: Query[Any, Any], secret: str, asked: zenoh.Query) -> ZenohIncoming:
+    return ZenohIncoming(query, query.key, asked, secret, replies)
 
 
-def _query_sink(query: Query[Any, Any], key: str, sink: Callable[[Incoming], Any]) -> Callable[[zenoh.Query], None]:
+def _query_sink(
+    query: Query[Any, Any], key: str, sink: Callable[[Incoming], Any], secret: str
+) -> Callable[[zenoh.Query], None]:
     def on_query(asked: zenoh.Query) -> None:
         keep_thread_state()
-        sink(ZenohIncoming(query, key, asked))
+        sink(ZenohIncoming(query, key, asked, secret))
 
     return on_query
 

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
+from surefoot.state import ENDPOINT, SECRET, state_home
+
 from .identity import Identity, end, identify
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ ROW = {"service", "state", "pid", "restarts", "detail"}
 
 MEMORIES = {"walker": "walker.json", "navigator": "navigator.json"}
 """Services that keep a memory over their restarts, each with the name of its file in the run folder."""
-FILES = ("endpoint.json", "processes.json", "supervisor.json", "status.json", "ready.json", *MEMORIES.values())
+FILES = (ENDPOINT, SECRET, "processes.json", "supervisor.json", "status.json", "ready.json", *MEMORIES.values())
 """Names of the files in a run folder that describe a running system; they are removed when it ends."""
 
 
@@ -46,12 +48,6 @@ class Endpoint(NamedTuple):
     namespace: str
     compose: str = ""
     robot: str = ""
-
-
-def state_home() -> Path:
-    """Return the folder that holds all run folders."""
-    base = os.environ.get("XDG_STATE_HOME", "")
-    return (Path(base) if os.path.isabs(base) else Path.home() / ".local" / "state") / "surefoot"
 
 
 class RunFolder:
@@ -126,16 +122,20 @@ class RunFolder:
             return False
         return False
 
-    def write_endpoint(self, endpoint: Endpoint) -> None:
-        """Store the address of the system, and the identity of this process as its supervisor."""
-        self._write("endpoint.json", endpoint._asdict())
+    def write_endpoint(self, endpoint: Endpoint, secret: str = "") -> None:
+        """Store the address of the system, its secret, and the identity of this process as its supervisor.
+
+        Only this user can read these files.
+        """
+        self._write(ENDPOINT, endpoint._asdict())
+        self._write(SECRET, secret)
         own = identify(os.getpid())
         if own is not None:
             self._write("supervisor.json", own._asdict())
 
     def endpoint(self, *, orphaned: bool = False) -> Endpoint | None:
         """Return the address of the system, None if it does not run; `orphaned`: also without live supervisor."""
-        content = self._read("endpoint.json") if self.held() or (orphaned and self.orphans()) else None
+        content = self._read(ENDPOINT) if self.held() or (orphaned and self.orphans()) else None
         try:
             return None if content is None else Endpoint(**content)
         except TypeError:

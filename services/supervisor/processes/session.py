@@ -109,7 +109,7 @@ class Session:
             self._clean_up()
             self._bus = self._open_router()
             self.folder.write_endpoint(
-                Endpoint(self.listen, self.namespace, str(self.compose.path.resolve()), self.robot)
+                Endpoint(self.listen, self.namespace, str(self.compose.path.resolve()), self.robot), self._secret
             )
             self._bus.watch(self._on_life)
             self._node = Node(self.supervisor, self._bus)

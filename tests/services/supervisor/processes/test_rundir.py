@@ -5,7 +5,8 @@ import sys
 import pytest
 
 from surefoot.schemas.system import ServiceStatus
-from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder, RunFolderError, run_folders, state_home
+from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder, RunFolderError, run_folders
+from surefoot.state import state_home
 from tests.processes import GRACE_S, run_process, running_child
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(60)"]

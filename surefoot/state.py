@@ -1,0 +1,49 @@
+"""State folder of this user, with one subfolder, the run folder, for each system that runs or ran on this machine."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any, cast
+
+ENDPOINT, SECRET = "endpoint.json", "secret.json"
+"""`ENDPOINT`: name of the file in a run folder that holds the address of its system; `SECRET`: of that with its
+secret."""
+
+
+def state_home() -> Path:
+    """Return the folder that holds all run folders."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    return (Path(base) if os.path.isabs(base) else Path.home() / ".local" / "state") / "surefoot"
+
+
+def secret_of(connect: str, namespace: str) -> str:
+    """Return the secret of a system that this user has started on this machine, empty if there is none.
+
+    Of several run folders with the same address, as a killed supervisor leaves them behind, the newest counts.
+
+    Args:
+        connect: Zenoh endpoint of its router.
+        namespace: prefix of its keys.
+    """
+    found = [(_changed(path), path.parent) for path in state_home().glob(f"*/{ENDPOINT}")]
+    for _, folder in sorted(found, reverse=True):
+        place, secret = _read(folder / ENDPOINT), _read(folder / SECRET)
+        if isinstance(place, dict) and isinstance(secret, str):
+            fields = cast("dict[str, Any]", place)
+            if (fields.get("connect"), fields.get("namespace")) == (connect, namespace):
+                return secret
+    return ""
+
+
+def _changed(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def _read(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
