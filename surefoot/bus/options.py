@@ -31,6 +31,9 @@ than a busy machine delays a sending thread, too short to disturb a robot."""
 MOST_PENDING, ACCEPT_MS = 512, 5000
 """`MOST_PENDING`: largest number of connections without a completed handshake; `ACCEPT_MS`: time after which such a
 connection is closed, ms; with Zenoh's defaults (10 s) a hundred silent ones keep everybody else out."""
+HANDSHAKE_MS = 60_000
+"""Time after which a connection without a completed TLS handshake is closed, ms. After each that fails Zenoh 1.10
+accepts nothing for 100 ms, so that with its default of 10 s a hundred silent connections keep everybody out."""
 ROUTER_READERS = 32
 """Number of threads with which the process of a router reads; more than Zenoh's two, as one frozen client blocks
 one."""
@@ -112,7 +115,7 @@ def zenoh_config(endpoint: ZenohOptions, name: str = "") -> zenoh.Config:
         "connect/timeout_ms": CONNECT_TIMEOUT_MS,
         "connect/exit_on_failure": endpoint.mode == "client",
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
-        "listen/endpoints": list(listen),
+        "listen/endpoints": [f"{one}#tls_handshake_timeout_ms={HANDSHAKE_MS}" if secure else one for one in listen],
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": endpoint.mode != "client",
         "scouting/delay": 0,

@@ -1,8 +1,9 @@
 """A run of processes with certificates: the run without, whatever the holders of other certificates send."""
 
+import socket
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from surefoot.bus.codec import encode
 from surefoot.bus.endpoint import secured, settings_file
 from surefoot.bus.frame import FramePart, pack
 from surefoot.bus.interface import Stamp
+from surefoot.bus.options import HANDSHAKE_MS, ZenohOptions, zenoh_config
 from surefoot.errors import CallError, ConfigError
 from surefoot.lab.cli import checks
 from surefoot.lab.security.made import Membership, make, renew
@@ -100,6 +102,17 @@ def test_a_service_asks_the_router_by_its_own_certificate_who_lives(secure: Net)
         return False
 
     wait_until(answered)
+
+
+def test_silent_connections_keep_no_client_out(secure: Net) -> None:
+    """A hundred of them, which Zenoh's own limit of 10 s would close one by one with a pause after each."""
+    host, _, port = secure.address.partition("/")[2].rpartition(":")
+    options = ZenohOptions("router", (), (secure.address,), NAMESPACE, "supervisor")
+    assert f"tls_handshake_timeout_ms={HANDSHAKE_MS}" in zenoh_config(options).get_json("listen/endpoints")
+    with ExitStack() as silent:
+        for _ in range(100):
+            silent.enter_context(socket.create_connection((host, int(port)), 5.0))
+        assert secure.open("client", identity="operator").new_instance()
 
 
 def test_without_a_certificate_the_remedy_is_named(folder: Path) -> None:
