@@ -1,4 +1,4 @@
-"""Lockstep core alone: processor time per tick beside that of another checkout."""
+"""Processor time per tick of the lockstep core without the work of services, compared with another checkout."""
 
 import os
 import statistics

@@ -154,7 +154,7 @@ def tick_us() -> tuple[float, float]:
 
 @BENCH.part()
 def speed(*, estimators: str = default()) -> None:
-    """Processor time of a step (inertial sample, its share of the feet, the estimate), in a log and from Python.
+    """Processor time of estimators per inertial sample, over a whole log and sample by sample from Python.
 
     Beside the same step of filterpy's EKF with matrices of its own, the best of a few repeats in turn; then a whole log
     at 1 kHz, and the tick in which feet come 0.3 s late. Goals for `best`: of filterpy 0.3 with two feet, 0.7 with six.

@@ -170,7 +170,7 @@ class Verdict:
     """Number of paired seeds on the ground that has the fewest."""
 
     def row(self) -> tuple[object, ...]:
-        """Return the row of the table; too few seeds are named."""
+        """Return the row of the table of targets: what, value, goal, state, and `pairs` if below `SEEDS`."""
         seeds = f"{self.pairs} seeds of {SEEDS}" if self.pairs < SEEDS else ""
         return self.what, f"{self.value:.3f}", self.goal, {True: "met", False: "missed", None: "open"}[self.met], seeds
 
@@ -274,14 +274,14 @@ class Course:
 
 
 def scored(seed: int, terrain: str, course: Course) -> Line:
-    """Walk with the hand-made score, or on nominal landings; return the figures."""
+    """Simulate a walk on `terrain`, footholds by the hand-made score or nominal; return its line of results."""
     rule = None if course.nominal else model_rule(HandScore(), SelectParams())
     return {name: value for name, value in vars(walk(seed, course.on(terrain), rule)).items() if name != "slides_mm"}
 
 
 @BENCH.part("flat --seeds 0:1 --distance 0.1")
 def scores(terrain: str = "demo", /, *, course: Course, seeds: str = "0:10", processes: int = 2) -> None:
-    """Walks with the hand-made score: how many reach the end, how far feet slide, what the walker costs.
+    """Simulate walks with the hand-made score: print arrivals, falls, sliding of feet, processor time of the walker.
 
     Args:
         terrain: kind of ground.
@@ -309,7 +309,7 @@ FAR_MM = 2.0
 
 
 def measured(seed: int, rule: str) -> Line:
-    """Walk under a rule; return the measured slip and both true ones of every stance, mm."""
+    """Walk under a rule; return each stance's slip, mm: by the robot, and true by both definitions of `slip`."""
     chosen = random_rule(seed) if rule == "random" else model_rule(HandScore(), SelectParams())
     joined = JoinedWalk(seed, SLIP, chosen)
     follower = SlipFollower(joined)
@@ -319,7 +319,7 @@ def measured(seed: int, rule: str) -> Line:
 
 
 def of_slip(walks: list[Array], column: int) -> tuple[Ranged, Ranged, Ranged]:
-    """Return AUC of slips over 2 mm, RMSE and bias (mm) of own slip, column 0 of walks (n, 3) mm, against a column."""
+    """Return AUC of slips over 2 mm, RMSE and bias (mm) of column 0 (own slip) of walks (n, 3) mm against `column`."""
 
     def over(statistic: Any) -> Ranged:
         def of(chosen: Sequence[Array]) -> float:
@@ -336,7 +336,7 @@ def of_slip(walks: list[Array], column: int) -> tuple[Ranged, Ranged, Ranged]:
 
 @BENCH.part("--seeds 0:1")
 def faults(*, seeds: str = "0:10", processes: int = 2) -> None:
-    """Stances of a leg with a faulty sensor, and of its sound legs, that would be learned from: walks as of `slip`."""
+    """Count stances that would be learned from, of a leg with a faulty sensor and of sound legs; walks as in `slip`."""
     jobs = [{"fault": fault, "seed": seed} for fault in FAULTS for seed in seeds_of(seeds)]
     lines = study(partial(faulty_walk, setting=SLIP, rule=None), jobs, processes=processes)
     counts = ("soon", "later", "others", "sound")

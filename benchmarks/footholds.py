@@ -1,4 +1,4 @@
-"""Foothold functions: times, ratios of times, fits of the test function of the paper."""
+"""Foothold functions: processor times, their ratios, and fits of the test function of Walas & Belter (2011)."""
 
 import time
 from collections.abc import Callable
@@ -72,7 +72,7 @@ class Ground:
         map_features_numpy(self.heights.z, STROKE, CELL)
 
     def copies(self) -> None:
-        """Copy the map three times: the floor that memory sets."""
+        """Copy the map three times, which takes the least time that access to memory allows."""
         for layer in self.out:
             np.copyto(layer, self.heights.z)
 
@@ -97,7 +97,7 @@ def _tile(ground: FootholdGround, heights: HeightMap, edge: int, full: Any) -> N
 
 @BENCH.part("--cells 100 --rounds 2")
 def ratios(*, cells: int = 1000, rounds: int = 30) -> None:
-    """Costs of foothold functions as ratios, by calls that take turns, beside the limits of the project.
+    """Print ratios of processor times of foothold functions, called in turn, beside the limits of this project.
 
     Args:
         cells: edge of the map in cells.
@@ -157,7 +157,7 @@ def _loops(z: Any) -> None:
 
 @BENCH.part("--cells 100")
 def times(*, cells: int = 1000) -> None:
-    """Times of ground coefficients of a map, one window, one decision; the best of blocks of calls.
+    """Print the least processor times of the ground coefficients of a map, of one window and of one foothold choice.
 
     Args:
         cells: edge of the map in cells.
@@ -311,7 +311,7 @@ def searches(m: int, evaluations: int) -> None:
 
 @BENCH.part()
 def fit(*, small: bool = False, evaluations: int = 6000) -> None:
-    """Fits of the test function of Kosinski & Weigl (paper: .069 / .079 %, its sets are not stated).
+    """Fit the test function of Kosinski & Weigl (Walas & Belter: .069 / .079 %, with sets that they do not state).
 
     Grid protocol: train {1..6}^3, test {1.5..5.5}^3. Random protocol: as many points evenly drawn from [1, 6]^3 and
     [1.5, 5.5]^3, five sets. Variable projection starts at random, and the start of the smallest cost on the training

@@ -138,7 +138,7 @@ def each(logs: str, data: Path) -> Iterator[tuple[str, float, Log]]:
 
 @BENCH.part(ONE)
 def noise(*, logs: str = CHANGED, estimators: str = default(), data: Path = DATA) -> None:
-    """Error with wrongly stated noise, legs, contact levels and time offset, over that of the log as it is.
+    """Print errors with wrongly stated noise, legs, contact levels and time offset over those of the unchanged log.
 
     Args:
         logs: names, by commas.
@@ -197,8 +197,8 @@ def faults(
     Args:
         logs: names, by commas.
         estimators: names, by commas.
-        times: at which each fault is planted, for each of two feet.
-        first: share of the log from which they are, over 0.3 of it.
+        times: number of moments at which each fault is planted, for each of two feet.
+        first: share of the log at which these moments begin, 0 to 1; they are spread over 0.3 of the log.
         data: folder of the files.
     """
     chosen = list(each(logs, data))
@@ -233,13 +233,13 @@ def tilted(
     *, logs: str = "", sets: str = "", seeds: str = "3", degrees: float = 8.0, estimators: str = default(),
     data: Path = DATA
 ) -> None:  # fmt: skip
-    """Starts at rest whose tilt is wrong: time with more than 5 cm/s of error, of that in silence, worst of all axes.
+    """Start at rest with a wrong tilt: time with an error above 5 cm/s, and how much of it without a flag.
 
     Args:
         logs: names, by commas; default: all that begin with a rest.
         sets: of synthetic and recorded walks, by commas; default: all.
-        seeds: of the axes, and of the walks, count or first:end.
-        degrees: by which the accelerometer is turned until the robot walks.
+        seeds: seeds of the axes and of the walks, count or first:end; the worst of them is printed.
+        degrees: angle by which the accelerometer is turned until the robot walks, deg.
         estimators: names, by commas.
         data: folder of the files.
     """
@@ -260,7 +260,7 @@ def tilted(
 
 @BENCH.part(f"{ONE} --sets twist --seeds 1")
 def smoothed(*, logs: str = "", sets: str = "", seeds: str = "5", data: Path = DATA) -> None:
-    """Forward estimates and those of `surefoot estimate --smooth`, forward / smoothed; NEES per degree of freedom.
+    """Print the errors of forward and of smoothed estimates (`surefoot estimate --smooth`), and their NEES.
 
     Args:
         logs: names, by commas; default: all with truth.
@@ -283,7 +283,7 @@ def _variant(name: str, seed: int) -> Log:
 def simulated(
     *, sets: str = "", estimators: str = f"{default()},inekf", seeds: str = "5", tuned_: bool = False
 ) -> None:
-    """Walks on ice and with another inertial unit, which estimators do not know of, and feet that land on edges.
+    """Print errors in walks on ice, with another inertial unit than estimators assume, and with landings on edges.
 
     Args:
         sets: names, by commas; default: all.

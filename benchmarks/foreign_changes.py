@@ -1,4 +1,4 @@
-"""Changes of a log of others or of what is stated about it, and errors with them: rows of the parts of `foreign`."""
+"""Estimator errors on logs by others with changed samples or wrongly stated properties: rows for `foreign`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -159,7 +159,7 @@ def fast_moment(log: Log, share: float = MIDDLE) -> float:
 
 
 def _most(values: Sequence[float]) -> float:
-    """Return the largest finite value, NaN = there is none."""
+    """Return the largest finite one of some values; NaN = none is finite."""
     return max((x for x in values if np.isfinite(x)), default=float("nan"))
 
 
@@ -184,11 +184,11 @@ def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: floa
 
     Args:
         fault: name in `PLANTED`.
-        log: without the fault, with truth.
-        clean: track of the estimator over it.
-        foot: at fault.
-        name: of the estimator.
-        at_s: s since the start.
+        log: log without the fault, with truth.
+        clean: track of the estimator over that log.
+        foot: index of the foot whose sensor is faulty.
+        name: name of the estimator.
+        at_s: time since the start at which the fault begins, s.
     """
     changed = PLANTED[fault](log, at_s, foot)
     bad, since = run(name, changed), first_altered(log, changed, at_s)

@@ -27,7 +27,7 @@ MEASURE = "smooth"
 CONTRADICTED = {"casbot_walk_b": 2.9}
 """Time since the start, s, from which the feet of a log contradict its truth, by name of the log."""
 RATIOS = {"rpe": "RPE", "heading": "heading", "smooth": "error over 0.5 s"}
-"""Names in tables of the errors in which no referee may have a smaller one than the default estimator, by error."""
+"""Names in tables of the errors (by key) that the default estimator must not have larger than any referee."""
 GYRO = "gyro alone"
 UNITS = {"rpe": "% of the way", "heading": "deg rms", "smooth": "cm/s"}
 LEFT_OUT = ("", "diff. cm/s", "worst leg", "heights cm", "ends cm", "head-gyro", "head-maker", "ok")

@@ -236,7 +236,7 @@ class Robot:
         return best if best < 2.55 else None
 
     def _frame(self) -> LandmarkDetections:
-        """Return what the camera recognises."""
+        """Return the landmarks that the simulated camera recognises in the present tick, with noise and false ones."""
         rng, (x, y, yaw) = self.rng, self.walker.pose.tolist()
         d = self.places - (x, y)
         r = np.hypot(d[:, 0], d[:, 1])
@@ -298,7 +298,7 @@ class Robot:
         self.others = np.array([between((x, y, yaw), (a, b, c)) for x, y, yaw in poses.tolist()])
 
     def _log_density(self, pose: Array, seen: Array, shown: NDArray[np.int64], share: float) -> float:
-        """Return the log density of a frame at a pose, nats; a full frame counts as at least so many."""
+        """Return the log density of a frame at a pose, nats; one of most detections counts as at least so many."""
         d = self.places - pose[:2]
         r, b = np.hypot(d[:, 0], d[:, 1]), (np.arctan2(d[:, 1], d[:, 0]) - pose[2] + np.pi) % (2 * np.pi) - np.pi
         view, most = np.flatnonzero((r > NEAR) & (r < FAR) & (np.abs(b) < HALF)), 10 if self.hard else 20

@@ -48,7 +48,7 @@ def people(seed: int) -> tuple[Obstacle, ...]:
 
 
 def walls(seed: int) -> tuple[Obstacle, ...]:
-    """Return two pieces of wall that leave 1 to 1.4 m of the 2 m, on sides at random."""
+    """Return two pieces of wall, on random sides of the corridor of 2 m, that leave 1 to 1.4 m of its width free."""
     rng = np.random.default_rng((seed, 2))
     found: list[Obstacle] = []
     for x in (rng.uniform(1.0, 2.0), rng.uniform(3.0, 4.0)):

@@ -1,7 +1,7 @@
-"""Controllers in the world of the paper's robot: time to the goal, success, fresh trainings.
+"""Controllers in the simulated world of Osswald et al.: time to the goal, success, fresh trainings.
 
-Episodes served no choice and are paired, with 95 % intervals: parameters were chosen on stream 1 (episodes 0 to 6000),
-trainings on streams of their own; these are of stream 0, episodes 20000 on.
+Controllers are compared on equal episodes, with 95 % intervals. Episodes are of random stream 0, from 20000 on; no
+parameter was chosen by them: these were on stream 1 (episodes 0 to 6000), trainings on streams of their own.
 """
 
 import json
@@ -113,13 +113,13 @@ class Study:
         self.show(f"{params}, arcs")
 
     def costly(self) -> None:
-        """Compare the policies with switching costs, and with arcs that see little."""
+        """Compare the policies where switching of actions takes time, and where the camera sees little on arcs."""
         steer, _ = self.times("paper-arcs", "steer-costly"), self.times("paper-arcs", "limit")
         self.compare("planner against steering hand", self.times("paper-arcs", "planner"), steer, -2.0)
         self.show("paper-arcs: blurred, switching costs, arcs that see little")
 
     def drift(self, drifts: tuple[int, ...] = DRIFTS) -> None:
-        """Compare at other drifts than the filter expects, deg per 10 cm."""
+        """Compare the controllers at heading drifts, deg per 10 cm, other than the filter expects."""
         for params in ("paper", "paper-blur"):
             for drift in drifts:
                 sets = (f"drift.per_10cm_deg={drift}",)

@@ -1,4 +1,4 @@
-"""Systems with certificates beside the same without: round trip of a state, speed of the demo."""
+"""Cost of encrypted connections with certificates: round trip of a joint state, speed of the demo."""
 
 import multiprocessing
 import os

@@ -1,6 +1,6 @@
 """A system under load: busy processes, emergency stops, faults, restarts, floods, readers that never read.
 
-Every figure beside another is a ratio of neighbours: the machine may be busy with other work.
+Ratios are of measurements made directly one after the other, because the machine may be busy with other work.
 """
 
 import json
@@ -144,7 +144,7 @@ def stops(*, count: int = 100) -> None:
 
 @BENCH.part("--count 1")
 def commands(*, count: int = 7) -> None:
-    """Processor time of the commands that look at a system.
+    """Print the processor time of the commands that only observe a system, such as `surefoot status`.
 
     Args:
         count: runs of each.
@@ -211,7 +211,7 @@ def faults(*, count: int = 5) -> None:
 
 @BENCH.part()
 def peers(*, count: int = 100, seconds: float = 1800.0) -> None:
-    """Growth of processes while others are killed and started again.
+    """Print the growth of processes in memory and descriptors while other processes are killed and restarted.
 
     Half of the services are killed in turn, then the other half; memory and descriptors are of those that live on.
 
@@ -355,7 +355,7 @@ def terminated(*, count: int = 200, seed: int = 0) -> None:
 
 
 def _is_gone(group: int) -> bool:
-    """Return whether no process of a group is left within 2 s; programs that a library runs end by themselves."""
+    """Return True if no process of a group is left within 2 s; programs that a library runs end by themselves."""
     with suppress(ProcessLookupError):
         for _ in range(100):
             os.killpg(group, 0)

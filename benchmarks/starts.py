@@ -1,4 +1,4 @@
-"""Starts of the whole system: in random order, one hash, and cold kernels."""
+"""Starts of the whole system: services in random order, equal run hashes, and start without compiled kernels."""
 
 import os
 import random
@@ -95,7 +95,7 @@ def shuffled_starts(starts: int = 100, /) -> None:
 
 @BENCH.part()
 def hashes(runs: int = 5, /) -> None:
-    """Demo several times with processes newly started in another order: one hash; and another seed, another hash.
+    """Run the demo several times, its processes started in random order: all hashes must be equal for a seed.
 
     Args:
         runs: of the demo.
@@ -154,7 +154,7 @@ def installed(folder: Path) -> Path:
 
 @BENCH.part()
 def first_calls(runs: int = 5, /) -> None:
-    """Processor time of first calls from an installed wheel that carries its kernels, each with empty caches.
+    """Print the processor time of first calls from an installed wheel with compiled kernels, caches empty each time.
 
     Args:
         runs: of each call.

@@ -124,7 +124,7 @@ def primitives(*, trials: int = 60) -> None:
 
 RANDOM = "random-"
 BRANCHES = 1000
-"""Factor that makes step numbers of samples unique: the number of the request times this plus that of the arm."""
+"""Factor that makes step numbers of samples unique: the request's number times this factor plus the arm's index."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ def pairs(
     *, grounds: str = "rough,mixed-0.4,elevation", seeds: str = "300:304", how: Branching, processes: int = 1,
     results: Path | None = None, samples: Path | None = None, show: bool = False,
 ) -> None:  # fmt: skip
-    """Footholds compared from one state: the share that each selector gains of what could be gained.
+    """Compare footholds from one state: print each selector's share of the largest possible reduction of sliding.
 
     From every third step of a walk with nominal footholds, each selector and some random footholds take the same step
     (`benchmarks.branches`). Printed is (random - chosen) / (random - best tried) of the sliding in the next

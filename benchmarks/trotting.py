@@ -1,4 +1,4 @@
-"""Robots that trot by `examples/trot`, whom our services watch: recorded in one process, scored against the truth."""
+"""Trots by the controller `examples/trot`, observed by this project's services: recorded, scored against truth."""
 
 import runpy
 from pathlib import Path

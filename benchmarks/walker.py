@@ -150,7 +150,7 @@ def orders(
     *, seeds: str = "0:5", level: float = 1.0, ticks: str = MOMENTS, pairs: str = PAIRS, processes: int = 1,
     results: Path | None = None,
 ) -> None:  # fmt: skip
-    """Commands at any moment of a step of a Nao: falls and largest tilt.
+    """Command a walking Nao at any moment of a step: print falls and the largest tilt.
 
     Of each seed and each command under way the state at the begin of a step is kept, and every other command is tried
     from there at every moment.
@@ -347,7 +347,7 @@ def moments_of(name: str, seed: int, every: int) -> Iterator[tuple[str, bool]]:
 
 
 def falls(world: PhysicsWorld) -> bool:
-    """Return whether a world without commands falls within 3 s; its state is restored afterwards."""
+    """Return True if the robot falls within 3 s without commands; the state of the world is restored afterwards."""
     saved = world.checkpoint()
     for _ in range(HELD_TICKS):
         world.step_tick(None)
@@ -360,7 +360,7 @@ def falls(world: PhysicsWorld) -> bool:
 
 @BENCH.part("ragno --seeds 0:1 --every 200")
 def held(*robots: str, seeds: str = "0:4", every: int = 5) -> None:
-    """Robots whose commands end in one tick of a walk: how many fall while the joints stay as they are for 3 s.
+    """Stop all commands at one tick of a walk: print how many robots fall while the joints are held for 3 s.
 
     In every so many ticks the world is saved, held without commands until it has fallen or 3 s are over, and restored.
     Nothing else goes wrong, so a robot that falls here could not have been held. The driver holds the same way when no

@@ -52,18 +52,18 @@ class Vision:
         model: navigation model of the world.
         world: the model as arrays.
         thresholds: mean time (s) and success of the 35 deg controller by entropy threshold (nats), tuning episodes.
-        threshold: nats, of those with full success the one with the least time.
+        threshold: entropy threshold of least time among those with full success, nats.
         trained: time of the episodes of each training, s, (trainings, 1500).
         chosen: index of the training that did best on the episodes of the selection.
         hand: results of the 35 deg controller, (100,).
-        learned: of the chosen training's policy, (100,).
+        learned: results of the chosen training's policy, (100,).
         hand_walks: the episodes of `hand` step by step.
         walks: the episodes of `learned` step by step, with the policy of each training.
         drifts: drift of the episodes that follow, rad per m, (1000,).
         paired_hand: results of the 35 deg controller, (1000,).
-        paired_learned: of each training on the same episodes, (trainings, 1000).
-        paired_settling: the same after trainings with this project's schedule, (trainings, 1000).
-        tuned: of a hand controller with TUNED_TURN_DEG on the same episodes, (1000,).
+        paired_learned: results of each training on the episodes of `drifts`, (trainings, 1000).
+        paired_settling: results after trainings with this project's schedule on these episodes, (trainings, 1000).
+        tuned: results of a hand controller with TUNED_TURN_DEG on these episodes, (1000,).
     """
 
     model: NavigationModel

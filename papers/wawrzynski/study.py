@@ -29,8 +29,8 @@ AT_LEAST = 0.01  # m/s, of base_link over 2 s: it walks
 MEAN_S = 2.0
 SMOOTH_S = 0.3
 REST_S = 6.0
-"""Time of standing before the walk, s; it decides the result of (38), as the mean gyro over 0.5 s leaves a bias of 1e-3
-rad/s."""
+"""Time of standing before the walk, s; it decides the error (38) of Wawrzynski et al., as the mean gyro over 0.5 s
+leaves a bias of 1e-3 rad/s."""
 LOST = 0.0357  # m/s: an estimate that is off by the walking speed is useless
 
 
