@@ -48,7 +48,7 @@ MAX_BORDER = 6
 
 @dataclass(frozen=True, slots=True)
 class SelectParams:
-    """Parameters of the choice of footholds."""
+    """Parameters of the choice of footholds: search window, weight of distance, averaging, trunk heights, limits."""
 
     size: int = 15
     """Number of cells along an edge of the search window, odd (Walas & Belter 2011, 3.4)."""
@@ -84,7 +84,7 @@ class TrunkPose:
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """One leg about to land."""
+    """Leg about to land, with the nominal landing of its foot and the stroke of the coming stance."""
 
     leg: int
     """Index of the leg in the robot description."""

@@ -1,4 +1,4 @@
-"""Goals, actions and the state of the walker, as the pilot takes them."""
+"""Dataclasses of the navigator: a goal with its progress, an action, and the state of the walker."""
 
 import json
 import math
@@ -112,7 +112,7 @@ class NavigationGoal:
     yaw_tolerance: float = Conduct().yaw_goal_tolerance
     """Largest error of the requested final heading at which the goal succeeds, rad."""
     timeout: float | None = None
-    """Time from its begin after which the goal ends, s; None = no limit."""
+    """Time after the beginning of the goal at which it ends unreached, s; None = no limit."""
 
     def __post_init__(self) -> None:
         self.places = self.places or self.route

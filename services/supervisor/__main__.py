@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.supervisor``: the supervisor alone; `surefoot supervise` also runs the router."""
+"""Entry point of the supervisor service without a router, which `surefoot supervise` runs as well."""
 
 from surefoot.lockstep.launch import main
 

@@ -165,7 +165,7 @@ class NumbersAsSent:
 
     @staticmethod
     def deserialize(data: bytes) -> Numbers:
-        """Return the numbers of a message."""
+        """Return all numbers of a LowState message, in the order of its fields, from the bytes that DDS carries."""
         if len(data) == SENT.size and data[:2] == SENT_AS:
             return Numbers(SENT.unpack(data))
         return numbers_of(LowState.deserialize(data))

@@ -185,8 +185,7 @@ def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool
 
 @kernel
 def _fits(state: BestState, z: Array, by: Array, noise: Array) -> bool:
-    """Return True if an innovation is within what its covariance allows: its normalised square (3 degrees of freedom)
-    is below 16.
+    """Return True if the normalised square of an innovation (3 degrees of freedom) is below `FIXED.outlier` = 16.
 
     Args:
         state: of the filter, or one hypothesis, whose error has n numbers.

@@ -117,7 +117,7 @@ class BestLimits(NamedTuple):
 
 
 class BestSetting(NamedTuple):
-    """Geometry, noises and limits of a filter."""
+    """Settings of the `best` filter: contact points and IMU mounting, noises and rates, limits of start and rest."""
 
     geometry: BestGeometry
     noise: BestNoise

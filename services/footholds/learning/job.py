@@ -33,7 +33,7 @@ class LearnJob:
         """Start or cancel the job if the request asks for it; return the state of the job.
 
         Raises:
-            Refusal: start while a job runs, without a file of samples; cancel of nothing.
+            Refusal: a start while a job runs, or without a file of samples; a cancel without a running job.
         """
         running = self._thread is not None and self._thread.is_alive()
         if request.action == "start":

@@ -71,7 +71,7 @@ class Relearner:
                 self.taken += 1
 
     def refuse(self, reason: str) -> None:
-        """Count an outcome that re-learning leaves out, under its reason."""
+        """Count one more outcome that re-learning leaves out for this reason, a key of `refused`."""
         self.refused[reason] = self.refused.get(reason, 0) + 1
 
     def chosen(self, model: LearnedModel | None) -> LearnedModel | None:

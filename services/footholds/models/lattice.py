@@ -27,7 +27,7 @@ LARGEST = 20.0
 
 
 class LatticeError(InvalidField):
-    """Lattice that cannot be; `field` names the wrong part."""
+    """Error for a lattice of bins with impossible numbers; `field` names the wrong part."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Bin:
 
     @property
     def m2(self) -> float:
-        """Sum of squared deviations of the bin's slips from their mean."""
+        """Sum of squared deviations of the bin's slips per stroke from their mean, no unit."""
         return max(0.0, (self.squares * UNIT * UNIT) - self.total * UNIT * self.mean)
 
     @property
@@ -85,7 +85,7 @@ class Bin:
 
     @property
     def sd(self) -> float:
-        """Standard deviation of the slip, NaN for one sample."""
+        """Standard deviation of the slip per stroke of the bin's samples, no unit; NaN for one sample."""
         return float(np.sqrt(self.m2 / (self.count - 1.0))) if self.count > 1.0 else float("nan")
 
 

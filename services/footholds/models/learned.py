@@ -120,7 +120,7 @@ class LearnedModel:
 
     @property
     def name(self) -> str:
-        """Name and number of samples, and of rounds of re-learning."""
+        """Name of the model: title/samples, with +rounds once it was learned again while walking."""
         rounds = round(self.choice.get(ROUNDS, 0.0))
         return f"{self.title}/{self.size}{f'+{rounds}' * (rounds > 0)}"
 

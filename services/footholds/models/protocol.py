@@ -14,7 +14,7 @@ class SlipModel(Protocol):
 
     @property
     def name(self) -> str:
-        """Name and version, as in every reply."""
+        """Name and version of the slip model, as replies of the service state it."""
         ...
 
     @property

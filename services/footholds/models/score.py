@@ -86,7 +86,7 @@ class HandScore(AnywhereModel):
 
     @property
     def name(self) -> str:
-        """Name and version of the formula."""
+        """Name and version of the hand-made slip formula, as replies state it."""
         return "hand-made/1"
 
     @property

@@ -241,7 +241,7 @@ class FootSensor:
 
 
 def rehearse() -> None:
-    """Call every kernel once with made-up arguments, so that it is loaded."""
+    """Call every kernel of the sensor models once with made-up arguments, so that none is loaded in a tick."""
     acc, one = np.zeros((1, 3)), np.zeros(1)
     window_mean(acc, acc)
     _imu(acc, acc, np.zeros(6), np.zeros(6), np.zeros(12), np.ones((5, 6)), np.zeros(6))

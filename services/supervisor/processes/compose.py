@@ -158,7 +158,7 @@ class ServiceTable(ComposeModel):
 
 
 class ComposeFile(ComposeModel):
-    """A compose file, `compose/<name>.yaml`."""
+    """Content of a compose file, `compose/<name>.yaml`: name of the system, and its services."""
 
     name: ServiceName = Field("", description="name of the system [that of the file]")
     services: dict[ServiceName, ServiceTable]
