@@ -41,8 +41,8 @@ STEP = "[[step]]\nat_tick = {tick}\n{fields}\n"
 LEGS = ("lf", "lm", "lh", "rf", "rm", "rh")
 """Names of the legs of which one is chosen at random where the fields of an accident contain `LEG`."""
 DRAWS, NEXT = 10, 10_000
-"""`DRAWS`: most attempts at an accident until something goes wrong; `NEXT`: increment of the seed from one attempt to
-the next."""
+"""`DRAWS`: largest number of attempts at an accident until something goes wrong; `NEXT`: increment of the seed from one
+attempt to the next."""
 SLID_M, SHORT = 0.008, 0.9
 """`SLID_M`: sliding of a foot in one stance, m, above which a walk went wrong; `SHORT`: share of the commanded distance
 below which a walk that ended went wrong."""

@@ -96,7 +96,7 @@ def row(name: str, scores: Sequence[Score]) -> tuple[object, ...]:
 
 
 def show(found: Comparison, subjects: Sequence[str]) -> None:
-    """Print the scores of one set, the noise of the referees, and ratios to the best of them."""
+    """Print estimator scores on one set of logs, the tuned noise of the referees, and ratios to the best referee."""
     count = len(next(iter(found.scores.values())))
     what = f"{found.name}, {count} log{'s' if count > 1 else ''}, referees tuned for {found.measure}"
     table(what, COLUMNS, [row(name, scores) for name, scores in found.scores.items()])
@@ -128,9 +128,9 @@ def tables(
 
     Args:
         parts: what to print.
-        sets: names of sets, by commas; default: all of the parts.
-        estimators: names, by commas.
-        references: referees, by commas.
+        sets: names of sets, comma-separated; default: all of the parts.
+        estimators: names of estimators, comma-separated.
+        references: names of referees, comma-separated.
         json_: file for the scores as well.
     """
     known = names()
@@ -228,7 +228,7 @@ def fuzzed(*, estimators: str = default(), trials: int = 20_000, seed: int = 0) 
     """Corrupt walks at random: estimates must never be NaN or above 2 m/s, covariances positive, errors flagged.
 
     Args:
-        estimators: names, by commas.
+        estimators: names of estimators, comma-separated.
         trials: number of corrupted walks of each estimator.
         seed: seed of the first walk.
     """

@@ -62,7 +62,7 @@ class Setting:
         backlash: of the legs' joints, deg; default: as the robot description has it.
         friction: of the ground; default: that of the simulator.
         stop: time of a stop command after the start of the walk, s.
-        set: values of BipedParams as name=number, by commas.
+        set: values of BipedParams as name=number, comma-separated.
     """
 
     distance: float = 1.0
@@ -356,7 +356,7 @@ def walks(
         robot: bioloid or nao.
         setting: conditions of the walks.
         push: 8 directions x 4 phases of each force, 0.1 s long.
-        forces: N, by commas.
+        forces: forces of the pushes, N, comma-separated.
         show: every run.
     """
     chosen = [(seed, replace(setting, robot=robot)) for seed in seeds_of(seeds)]

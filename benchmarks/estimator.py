@@ -160,7 +160,7 @@ def speed(*, estimators: str = default()) -> None:
     at 1 kHz, and the tick in which feet come 0.3 s late. Goals for `best`: of filterpy 0.3 with two feet, 0.7 with six.
 
     Args:
-        estimators: names, by commas.
+        estimators: names of estimators, comma-separated.
     """
     names = words_of(estimators)
     logs = {feet: synthesize(WalkParams(feet=feet, encoders=False), 0) for feet in (2, 6)}

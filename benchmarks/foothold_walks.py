@@ -220,16 +220,16 @@ def rules(
     *, rules: str = "learned,hand", grounds: str = ",".join(TAUGHT), seeds: str = "0:10", model: str = "shipped",
     robot: str = "ragno", results: Path | None = None, processes: int = 2, report: bool = False,
 ) -> None:  # fmt: skip
-    """Learned footholds beside other rules: ratios of mean contact sliding per stance, paired over seeds, and targets.
+    """Compare learned footholds with other rules: ratios of mean sliding per stance, paired over seeds, and targets.
 
     Intervals are 95 % of 4000 resamplings of the seeds. ``--rules learned:0.3,learned:0.8`` compares two
     weights k of the distance to the nominal foothold, 1/m; give seeds that no other study uses.
 
     Args:
-        rules: by commas, see `rule_of`.
-        grounds: by commas, see `GROUNDS`.
+        rules: names of rules, comma-separated, see `rule_of`.
+        grounds: names of grounds, comma-separated, see `GROUNDS`.
         model: a model file, or shipped.
-        robot: name.
+        robot: name of the robot.
         report: walk nothing, print what the results file holds.
     """
     names, places = words_of(rules), words_of(grounds)
@@ -250,12 +250,12 @@ class Course:
     """Conditions of walks with the hand-made score.
 
     Attributes:
-        distance: m.
+        distance: length of the walk, m.
         amplitude: height of the ground, m; default: that of the kind.
         friction: of the ground.
-        robot: name.
+        robot: name of the robot.
         profile: of the map, noise or exact.
-        set: values of WalkerParams as name=number, by commas.
+        set: values of WalkerParams as name=number, comma-separated.
         nominal: land on nominal footholds.
     """
 
@@ -346,7 +346,7 @@ def faults(*, seeds: str = "0:10", processes: int = 2) -> None:
 
 @BENCH.part()
 def slip(*, seeds: str = "0:12", processes: int = 2, results: Path | None = None, relearn: Path | None = None) -> None:
-    """Slip of stances as the robot measures it, beside the truth: rough ground, noisy sensors, hundreds of stances.
+    """Compare the slip that the robot measures with the true one, over hundreds of stances on rough ground.
 
     Walks of 0.9 m over rough ground of 4 cm at friction 0.5 with a noisy map, half of them with random footholds, half
     with those of the hand-made score. The robot measures by encoders of 0.29 deg at 30 Hz, foot switches and the

@@ -76,7 +76,7 @@ def readable(names: Sequence[str], data: Path) -> Iterator[tuple[str, float, Log
 
 
 def own_sets(sets: str) -> list[LogSet]:
-    """Return sets of synthetic and recorded walks by commas, by default all.
+    """Return the sets of synthetic and recorded walks in a comma-separated list, by default all.
 
     Raises:
         SurefootError: there is no such set.
@@ -109,8 +109,8 @@ def tables(
     """Errors of the estimator and of all referees on each log, beside the goals.
 
     Args:
-        logs: names, by commas; default: all.
-        estimators: names, by commas; default: `best` and all referees.
+        logs: names of logs, comma-separated; default: all.
+        estimators: names of estimators, comma-separated; default: `best` and all referees.
         no_tuned: leave out the tuned referees.
         data: folder of the files.
         json_: file for the scores as well.
@@ -141,8 +141,8 @@ def noise(*, logs: str = CHANGED, estimators: str = default(), data: Path = DATA
     """Print errors with wrongly stated noise, legs, contact levels and time offset over those of the unchanged log.
 
     Args:
-        logs: names, by commas.
-        estimators: `best` or `inekf`, by commas.
+        logs: names of logs, comma-separated.
+        estimators: `best` or `inekf`, comma-separated.
         data: folder of the files.
     """
     for one in words_of(estimators):
@@ -164,8 +164,8 @@ def starts(*, logs: str = CHANGED, estimators: str = default(), count: int = 100
     """Start in mid-walk with the inertial unit in random orientations; errors count from 3 s later.
 
     Args:
-        logs: names, by commas.
-        estimators: names, by commas.
+        logs: names of logs, comma-separated.
+        estimators: names of estimators, comma-separated.
         count: orientations.
         data: folder of the files.
     """
@@ -195,8 +195,8 @@ def faults(
     Times count from the first sample that the fault alters. A fault that alters none before the log ends is left out.
 
     Args:
-        logs: names, by commas.
-        estimators: names, by commas.
+        logs: names of logs, comma-separated.
+        estimators: names of estimators, comma-separated.
         times: number of moments at which each fault is planted, for each of two feet.
         first: share of the log at which these moments begin, 0 to 1; they are spread over 0.3 of the log.
         data: folder of the files.
@@ -236,11 +236,11 @@ def tilted(
     """Start at rest with a wrong tilt: time with an error above 5 cm/s, and how much of it without a flag.
 
     Args:
-        logs: names, by commas; default: all that begin with a rest.
-        sets: of synthetic and recorded walks, by commas; default: all.
+        logs: names of logs, comma-separated; default: all that begin with a rest.
+        sets: names of sets of synthetic and recorded walks, comma-separated; default: all.
         seeds: seeds of the axes and of the walks, count or first:end; the worst of them is printed.
         degrees: angle by which the accelerometer is turned until the robot walks, deg.
-        estimators: names, by commas.
+        estimators: names of estimators, comma-separated.
         data: folder of the files.
     """
     numbers, whole = seeds_of(seeds), tuple(name for name in FOREIGN if name not in CONTRADICTED)
@@ -263,8 +263,8 @@ def smoothed(*, logs: str = "", sets: str = "", seeds: str = "5", data: Path = D
     """Print the errors of forward and of smoothed estimates (`surefoot estimate --smooth`), and their NEES.
 
     Args:
-        logs: names, by commas; default: all with truth.
-        sets: of synthetic and recorded walks, by commas; default: all. Rows are means over their seeds.
+        logs: names of logs, comma-separated; default: all with truth.
+        sets: names of sets of synthetic and recorded walks, comma-separated; default: all. Rows are means over seeds.
         seeds: of the walks, count or first:end.
         data: folder of the files.
     """
@@ -286,8 +286,8 @@ def simulated(
     """Print errors in walks on ice, with another inertial unit than estimators assume, and with landings on edges.
 
     Args:
-        sets: names, by commas; default: all.
-        estimators: names, by commas.
+        sets: names of sets of walks, comma-separated; default: all.
+        estimators: names of estimators, comma-separated.
         seeds: of the walks, count or first:end; a walk that is not in the cache takes up to half a minute.
         tuned_: add the invariant filter tuned on other seeds, `inekf*`.
     """

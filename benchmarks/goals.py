@@ -99,7 +99,7 @@ def policies(
 
     Args:
         world: hard: drift of 2 deg per 10 cm, the paper's camera, commands as control; easy: own camera and odometry.
-        arms: policies, by commas; the first is what the others are compared with.
+        arms: policies, comma-separated; the first is what the others are compared with.
         record: folder for the recordings, for `surefoot fit` and `goals transfer`; default: none are kept.
     """
     names, more = words_of(arms), {} if record is None else {"record": str(record)}
@@ -189,7 +189,7 @@ def journeys(
     (4 for the mean of one run), no fall.
 
     Args:
-        journeys: names, by commas.
+        journeys: names of journeys, comma-separated.
     """
     names = words_of(journeys)
     jobs = [{"journey": name, "seed": seed} for seed in seeds_of(seeds) for name in names]

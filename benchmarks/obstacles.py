@@ -109,8 +109,8 @@ def goals(
     every goal ends as it should, no obstacle is touched, no fall.
 
     Args:
-        kinds: of obstacles, by commas.
-        arms: policies, by commas; the first is what the others are compared with.
+        kinds: kinds of obstacles, comma-separated.
+        arms: policies, comma-separated; the first is what the others are compared with.
     """
     chosen, names = words_of(kinds), words_of(arms)
     jobs = [{"arm": arm, "kind": kind, "seed": seed} for kind in chosen for seed in seeds_of(seeds) for arm in names]

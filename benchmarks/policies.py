@@ -150,16 +150,16 @@ class Study:
 def controllers(
     episodes: str = "20000:24000", /, *, json_: Path | None = None, success: int = 10_000, drifts: str = ""
 ) -> None:
-    """Time to the goal of all controllers in the paper's world.
+    """Print the time to the goal of all controllers in the simulated world of Osswald et al.
 
-    `limit` is the planner with true pose and drift. The tuned hand controllers have the planner's filter; the paper's
-    baseline has three states.
+    `limit` is the planner with true pose and drift. The tuned hand controllers have the planner's filter; the baseline
+    of Osswald et al. has three states.
 
     Args:
         episodes: first:end.
         json_: file for all numbers as well.
         success: episodes of the success rate.
-        drifts: deg per 10 cm, by commas: only the comparison at these drifts.
+        drifts: heading drifts, deg per 10 cm, comma-separated: only the comparison at these drifts.
     """
     chosen = seeds_of(episodes)
     study = Study(Seeds(chosen.start, chosen.stop))
@@ -189,7 +189,7 @@ def courses(episodes_: str = "40000:41000", /, *, drifts: str = "0,2,4,7", actio
 
     Args:
         episodes_: first:end.
-        drifts: deg per 10 cm, by commas.
+        drifts: heading drifts, deg per 10 cm, comma-separated.
         actions: four, or arcs (against the steering controller).
     """
     span, other = seeds_of(episodes_), "tuned" if actions == "four" else "steer"
@@ -244,7 +244,7 @@ def trained(model: str, seed: int, evaluation: Seeds) -> Line:
 
 @BENCH.part("2000:2001 --evaluation 20000:20010")
 def trainings(seeds: str = "2000:2020", /, *, evaluation: str = "20000:21000", results: Path | None = None) -> None:
-    """Fresh trainings of Sarsa(lambda) as in the paper, normal and blurred, against its 35 deg controller.
+    """Train Sarsa(lambda) anew as Osswald et al. did, normal and blurred, and compare with their 35 deg controller.
 
     Goals: at least 19 of 20 at 100 % success and 7 % faster in the mean, normal; 5 % blurred. Both controllers have the
     four-state filter; the hand controller's entropy threshold is the best of six for its vision, on other episodes.

@@ -77,7 +77,7 @@ def restarts(*, rtf: str = "1,0", seconds: float = 1800.0, nice: int = 0, proces
     """Restarts and pace of `surefoot up ragno` beside processes that compute.
 
     Args:
-        rtf: real-time factors, by commas; 0 = as fast as it goes.
+        rtf: real-time factors, comma-separated; 0 = as fast as it goes.
         seconds: of each.
         nice: value of everything, system and busy processes, once the system is up: harder for both, kinder to others.
         processes: that compute.
@@ -254,7 +254,7 @@ def hours(
         every: time between two kills, s.
         settle: time before the first sample that counts, s.
         rtf: real-time factor; 0 = as fast as it goes.
-        kill: services by commas; the other processes live on and are measured.
+        kill: services, comma-separated; the other processes live on and are measured.
     """
     names = kill.split(",")
     with system("--rtf", str(rtf)) as machine:

@@ -128,7 +128,7 @@ def warm(*, against: str = "", rounds: int = 1) -> None:
     """Processor time of a cold `surefoot warm`, beside that of other checkouts, in turn, with empty caches.
 
     Args:
-        against: other checkouts, by commas, each set up with a .venv of its own.
+        against: folders of other checkouts, comma-separated, each set up with a .venv of its own.
         rounds: of all.
     """
     cases = [(Path(name).resolve(), ()) for name in words_of(against)] + [(HERE, ()), (HERE, ("--all",))]

@@ -132,12 +132,12 @@ class Branching:
     """Conditions of steps from one state.
 
     Attributes:
-        rules: selectors, by commas; see `foothold_walks.rule_of`.
+        rules: selectors, comma-separated; see `foothold_walks.rule_of`.
         draws: random footholds from each state.
         every: a state at every n-th step; odd: both tripods.
         legs: one or all that land together.
         model: a model file, or shipped.
-        robot: name.
+        robot: name of the robot.
     """
 
     rules: str = "nominal,hand,learned"
@@ -244,7 +244,7 @@ def pairs(
     stance, by the mean and by the mean without 5 % at each end, with 95 % intervals of 4000 resamplings of the walks.
 
     Args:
-        grounds: by commas, see `foothold_walks.GROUNDS`.
+        grounds: names of grounds, comma-separated, see `foothold_walks.GROUNDS`.
         how: conditions.
         samples: file that the stances are appended to, to learn from.
         show: walk nothing, print what the results file holds.

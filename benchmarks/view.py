@@ -39,7 +39,7 @@ class Arrivals:
 
 @BENCH.part(quick="--seconds 5")
 def live(seconds: float = 20.0, walk: float = 3.0) -> None:
-    """Ragno walks at real time, a page in headless Chromium looks at it.
+    """Measure the live view of a walking Ragno in headless Chromium: pictures per s, their age, processor share.
 
     Age of a picture: from the arrival of its truth at this process, an observer beside the view, until the page has
     painted it. Processor shares are those of the process `surefoot view`.

@@ -157,7 +157,7 @@ def orders(
 
     Args:
         level: of the perturbation.
-        ticks: before the landing, by commas.
+        ticks: ticks before the landing, comma-separated.
         pairs: command under way and command that comes, as left:right,walk:stop.
     """
     chosen = [pair.split(":") for pair in words_of(pairs)]
@@ -294,7 +294,7 @@ def actions(
     *, seeds: str = "0:4", level: float = 1.0, drift: float = 0.0, actions: str = ",".join(ACTIONS), count: int = 8,
     mixed: bool = False, processes: int = 1, results: Path | None = None,
 ) -> None:  # fmt: skip
-    """Actions of a navigator on a Nao: time, way and turn of each, one chained to the other.
+    """Print duration, distance and turn of a navigator's actions on a Nao, one carried out directly after the other.
 
     Each command is given 0.3 s before the end of the one before, as `ends_in_s` reports it. Poses are those of
     base_link at the landing of an action's last step.
@@ -302,7 +302,7 @@ def actions(
     Args:
         level: of the perturbation.
         drift: of the world, deg per 10 cm.
-        actions: names, by commas; each in a chain of its own.
+        actions: names of actions, comma-separated; each in a chain of its own.
         count: actions of a chain.
         mixed: all actions in one chain, in random order.
     """

@@ -1,4 +1,4 @@
-"""Entry point of the supervisor service without a router, which `surefoot supervise` runs as well."""
+"""Entry point of the supervisor service without a router; `surefoot supervise` runs the service and a router."""
 
 from surefoot.lockstep.launch import main
 

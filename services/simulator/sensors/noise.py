@@ -40,11 +40,11 @@ class NormalStream:
         return self.block[self.row - 1]
 
     def state(self) -> dict[str, Any]:
-        """Return the position of the stream; plain JSON values."""
+        """Return the state of the generator and the row in the present block, as plain JSON values."""
         return {"start": self.start, "row": self.row}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set the position of the stream to a `state` that was returned earlier."""
+        """Set generator and row in the block to a `state` that was returned earlier."""
         self.rng.bit_generator.state = state["start"]
         self._fill()
         self.row = int(state["row"])

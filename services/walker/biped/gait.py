@@ -128,7 +128,7 @@ class BipedWalker:
                 self._stand()
 
     def kept(self) -> WalkMemory:
-        """Return the state that a restart must not lose; a step that is not finished counts as not begun."""
+        """Return the command, route and offset to resume after a restart; an unfinished step counts as not begun."""
         s = self.state
         if s.late is not None:
             walking = s.late.route is not None
