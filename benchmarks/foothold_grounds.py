@@ -117,7 +117,7 @@ def _beams(rng: Random) -> Array:
 
 
 def _land(rng: Random) -> Array:
-    """Return ridges and valleys: folded noise of four octaves, each weaker in the valleys of those before."""
+    """Return heights (ny, nx) m of ridges and valleys: folded noise of four octaves, each weaker in earlier valleys."""
     z, weight = np.zeros((NY, NX)), np.ones((NY, NX))
     for octave in range(4):
         ridge = (1.0 - np.abs(np.tanh(_spectral(rng, 1.5, 0.16 / 2**octave)))) ** 2
@@ -169,7 +169,7 @@ def _grain(rng: Random) -> Array:
 
 
 def _boxes(rng: Random, ground: Array) -> tuple[TerrainBox, ...]:
-    """Return boxes half sunk into a ground, turned and a little tilted."""
+    """Return random boxes of 2 to 10 cm, half sunk into ground of heights (ny, nx) m, tilted by slopes up to 0.2."""
     x, y = _axes()
     out: list[TerrainBox] = []
     for cx, cy in zip(*_places(rng, 55.0), strict=True):

@@ -54,7 +54,7 @@ ONE = "--logs synthetic"
 
 
 def readable(names: Sequence[str], data: Path) -> Iterator[tuple[str, float, Log]]:
-    """Yield name, length of relative poses, m (NaN without truth), and log of those that are readable; print the rest.
+    """Yield name, path length of relative poses, m (NaN: no truth), and log of readable logs; print unreadable ones.
 
     Raises:
         SurefootError: there is no log of this name.

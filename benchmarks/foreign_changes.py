@@ -66,9 +66,9 @@ def changes(name: str, log: Log, row: ForeignLog | None) -> Iterator[Change]:
     """Yield changes of a log or of the estimator's options, one for each thing that a user may state or build wrongly.
 
     Args:
-        name: of the estimator.
-        log: as it is.
-        row: of the table of logs, for the forces from which feet stand; None = unknown.
+        name: name of the estimator.
+        log: unchanged log.
+        row: the log's row in the table of logs, which gives the forces from which on feet stand; None = unknown.
     """
     for key, value in noise_options(name, log).items():
         for factor in FACTORS:

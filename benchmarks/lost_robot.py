@@ -262,7 +262,7 @@ class Robot:
         return LandmarkDetections(landmarks=marks, stamp_ns=self.tick_number * 10_000_000)
 
     def _sds(self, r: Array) -> tuple[Array, float]:
-        """Return standard deviations of ranges, m, at the distances r, m, and of bearings, rad."""
+        """Return standard deviations of ranges, (n,) m, at the distances r, (n,) m, and of a bearing, rad."""
         still = 0.5 if self.walker.state == "standing" else 1.0
         hard = np.full(r.size, 0.138 * still), math.radians(9.2) * still
         return hard if self.hard else (0.03 * r, math.radians(1.5))

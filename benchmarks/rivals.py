@@ -18,7 +18,7 @@ class _NoWeight(AnywhereModel):
 
     @property
     def distance_weight(self) -> float:
-        """Weight k of Q = P + k K4, 1/m: 0, a walk states its own."""
+        """Weight k, 1/m, of the distance K4 in the cost Q = P + k K4, P the slip: 0, as each walk states its own."""
         return 0.0
 
 

@@ -1,4 +1,4 @@
-"""Output of the estimator: one filter's g and v expressed in the frames that users want, with flags."""
+"""Output of an estimator: gravity g and velocity v of the IMU expressed in the frames of users, with flags."""
 
 import math
 from typing import NamedTuple

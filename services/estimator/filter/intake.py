@@ -140,7 +140,7 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
 
 @kernel
 def _shown_late(parts: FilterParts) -> int:
-    """Return how late the motion of the feet has shown their stamps for long enough, ns; 0: it has not.
+    """Return the delay of the stamps of the feet that their motion has shown for long enough, ns; 0: none.
 
     `parts`: of the filter; the stamp since which they are shown late is changed.
     """

@@ -104,8 +104,8 @@ class LearnedModel:
     support: int = 0
     """Number of samples that a cell's bin needs for a prediction; 0: a cell only has to lie in `ranges`."""
     relief: bool = False
-    """True: coefficients come from fitted planes, and P blends into the rule `base` where samples are few; False: from
-    3 x 3 cells."""
+    """True: coefficients come from fitted planes, and the slip blends into the rule `base` where samples are few;
+    False: coefficients come from 3 x 3 cells."""
     enough: float = math.inf
     """Number of samples near a point at which terms and simple rule have equal weights; infinite: the rule alone."""
     base: tuple[float, ...] = ()

@@ -76,8 +76,8 @@ class HandScore(AnywhereModel):
     """Weight of slopes in any direction and of broken ground: stances on the steepest fourth slid twice as far as on
     flat ground."""
     dead: float = 0.15
-    """Dead zone of convexity and roughness, no unit, taken for map noise: 3 mm of noise per cell leave about this much
-    of a and b after the median filter."""
+    """Convexity and roughness, no unit, up to which they count as map noise: 3 mm of noise per cell leave about this
+    much after the median filter."""
 
     def __post_init__(self) -> None:
         for field, value in zip(fields(self), astuple(self), strict=True):

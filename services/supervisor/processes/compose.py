@@ -31,7 +31,7 @@ _RESTART = re.compile(r"(no|always|on-failure|unless-stopped)|on-failure:(1000|[
 
 
 class ComposeError(FileError):
-    """Error of a compose file that is missing, invalid or asks for something that is not supported."""
+    """Error of a compose file that is missing, invalid or requires something that is not supported."""
 
 
 def _seconds(value: object) -> float:

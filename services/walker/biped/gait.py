@@ -273,7 +273,7 @@ class BipedWalker:
         return upcoming(s.route, now, self.params, self.width, s.scale, s.gain, ticks)
 
     def _pause(self) -> None:
-        """Keep the rest of the walk for later, without an estimate: only the feet are closed until it is back."""
+        """Store the remaining walk while the estimate is stale: the feet are closed until a newer estimate comes."""
         s = self.state
         if s.route is not None and not s.route.finished:
             s.paused, s.reason = s.route, STALE
