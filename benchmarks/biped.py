@@ -93,7 +93,7 @@ class Capture(NamedTuple):
 
 
 def robot_with(setting: Setting) -> Robot:
-    """Return the robot, with another backlash if the setting has one."""
+    """Return the robot that a setting names, with the setting's backlash of the leg joints if it has one."""
     robot = load_robot(setting.robot)
     if setting.backlash is None:
         return robot

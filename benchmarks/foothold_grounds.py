@@ -193,7 +193,7 @@ CHOSEN_BY = tuple(SHAPES)[6:]
 
 
 def course(family: str, seed: int, robot: str = "ragno") -> Course:
-    """Return the conditions of a walk; equal arguments give equal ones."""
+    """Return conditions, terrain and map of a walk on a family of ground; equal arguments give equal courses."""
     rng = np.random.default_rng([seed, *family.encode()])
     x, y = _axes()
     friction, profile = round(float(rng.uniform(*FRICTION)), 2), MAPS[seed % len(MAPS)]

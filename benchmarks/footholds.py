@@ -90,7 +90,7 @@ class Ground:
 
 
 def _tile(ground: FootholdGround, heights: HeightMap, edge: int, full: Any) -> None:
-    """Filter and dilate one tile of a map."""
+    """Filter one tile of `edge` cells of a changed map and dilate it by the foot sphere."""
     heights.smooth_part(full, edge - 1, 2 * edge + 1, edge - 1, 2 * edge + 1)
     ground.surface.dilate_part(ground.foot_radius, full, edge - 2, 2 * edge + 2, edge - 2, 2 * edge + 2)
 

@@ -128,7 +128,7 @@ def tables(
 
 
 def each(logs: str, data: Path) -> Iterator[tuple[str, float, Log]]:
-    """Yield those of the logs that have truth, see `readable`."""
+    """Yield name, path length of relative poses, m, and log of those of the named logs that have truth."""
     for name, way, log in readable(words_of(logs), data):
         if log.truth is None:
             print(f"{name}: skipped, no truth", flush=True)

@@ -175,7 +175,7 @@ class Planted:
 
     @property
     def right(self) -> bool:
-        """True if the faulty sensor was named in time, and no other."""
+        """True if the faulty sensor was named within `AFTER_S` and no other was; else False."""
         return self.named <= AFTER_S and not self.wrong
 
 
@@ -209,7 +209,7 @@ def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: floa
 
 
 def _error(log: Log, found: Track, rows: NDArray[np.bool_]) -> float:
-    """Return the rms error over 0.5 s in some rows, m/s."""
+    """Return the rms of the velocity error, averaged over 0.5 s, in the rows of a log flagged in `rows` (n,), m/s."""
     error = smoothed(velocity_error(log, found)[rows], log)
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 

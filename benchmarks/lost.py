@@ -125,7 +125,7 @@ def oracles(lines: list[Line]) -> tuple[float, float]:
 
 
 def percent(these: NDArray[np.bool_]) -> float:
-    """Return the share of true ones among flags (n,), %."""
+    """Return the share of the flags `these`, (n,), that are True, %."""
     return 100.0 * float(these.mean())
 
 

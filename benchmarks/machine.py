@@ -46,7 +46,7 @@ class Machine:
         return {**found, "supervisor": keeper.pid}
 
     def restart(self, name: str) -> float:
-        """Kill a service and wait until all are healthy again; return the time of the monotonic clock, s."""
+        """Kill a service, wait until all are healthy again, and return the time then, s of the monotonic clock."""
         pid = self.pids()[name]
         os.kill(pid, signal.SIGKILL)
         deadline = time.monotonic() + 60.0

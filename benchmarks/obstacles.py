@@ -68,7 +68,7 @@ WORLDS: dict[str, Callable[[int], tuple[Obstacle, ...]]] = {"people": people, "w
 
 
 def right_end(kind: str, seed: int) -> str:
-    """Return how a goal must end: its error code, `succeeded` for none."""
+    """Return the required end of a goal: `blocked` if the door stays closed (odd seeds), else `succeeded`."""
     return "blocked" if kind == "door" and seed % 2 else "succeeded"
 
 
@@ -76,9 +76,9 @@ def hindered(arm: str, kind: str, seed: int) -> Line:
     """Walk the corridor with obstacles that no map shows; return its line, with the end of the goal in words.
 
     Args:
-        arm: of `benchmarks.goals.ARMS`.
-        kind: of `WORLDS`.
-        seed: of everything random, the obstacles too.
+        arm: name of policy and action set in `benchmarks.goals.ARMS`.
+        kind: kind of obstacles, a key of `WORLDS`.
+        seed: seed of everything random, the obstacles included.
     """
     ends: list[str] = []
 

@@ -38,7 +38,7 @@ LIFTED_TICKS = 5
 
 @dataclass(frozen=True, slots=True)
 class MeasuredStance:
-    """Slip of one stance, measured and true."""
+    """Slip of one stance of a foot: as the robot measured it, and by truth."""
 
     leg: int
     """Index of the leg in the robot description."""

@@ -47,7 +47,7 @@ class Study:
     _compared: list[tuple[object, ...]] = field(default_factory=list[tuple[object, ...]])
 
     def times(self, params: str, policy: str, sets: tuple[str, ...] = (), seeds: Seeds | None = None) -> Any:
-        """Run one policy, print its line, and return its results."""
+        """Run the episodes of one policy, add its row to the tables, and return its results."""
         model = load(params, sets)
         world = arrays(model)
         if policy == "steer-costly":
@@ -79,7 +79,7 @@ class Study:
         self.lines.append({"compared": what, "most_percent": most, **p})
 
     def show(self, title: str) -> None:
-        """Print the tables of what was run since the last call."""
+        """Print the tables of policies and of comparisons added since the last call, and clear them."""
         header = ("policy", "s", "from", "to", "sd", "median", "p95", "success", "at least", "stands", "NEES", "from",
                   "to", "in 95 %")  # fmt: skip
         table(f"\n{title}", header, self._rows)
@@ -230,7 +230,7 @@ def baseline(name: str, evaluation: Seeds) -> tuple[float, Any]:
 
 
 def trained(model: str, seed: int, evaluation: Seeds) -> Line:
-    """Train once; return how the result does beside the baseline."""
+    """Train Sarsa once with a seed; return time, success and paired difference from the baseline, %."""
     chosen, (_, other) = load(model), baseline(model, evaluation)
     training = Training(chosen, seed)
     training.advance(training.schedule.episodes)

@@ -196,7 +196,7 @@ def pairs(router: str, count: int, asked: Asked) -> None:
 
 
 def load(router: str, queries: int) -> None:
-    """Print wrong and lost answers of eight clients at once."""
+    """Send queries from eight clients at once; print the numbers of wrong and lost answers, and the rate."""
     context = multiprocessing.get_context("spawn")
     go, out = context.Event(), context.Queue()
     each = -(-queries // CLIENTS)
@@ -221,7 +221,7 @@ def load(router: str, queries: int) -> None:
 
 @contextmanager
 def raw_server(router: str, asked: Asked) -> Iterator[None]:
-    """Run the process that answers raw queries."""
+    """Run, inside the context, the process that answers raw queries with bytes of real replies."""
     replies, context = answers(asked[:KINDS]), multiprocessing.get_context("spawn")
     sizes = {query.key.rsplit("/", 1)[1]: reply for (query, _), reply in zip(asked[:KINDS], replies, strict=True)}
     ready, stop = context.Event(), context.Event()

@@ -69,7 +69,7 @@ class Stated(NamedTuple):
 
 
 def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]:
-    """Yield the rows of the tables of pages that have a command."""
+    """Yield those rows of tables on pages of the documentation for which a command is stated."""
     for page in pages:
         header: list[str] = []
         given = above = ""

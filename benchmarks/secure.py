@@ -42,7 +42,7 @@ def certificates(namespace: str) -> Iterator[None]:
 
 
 def echo(router: str, ready: Any, stop: Any) -> None:
-    """Return every state in a frame of the walker, in a process of its own."""
+    """Send every received joint state back in a frame of the walker; runs in a process of its own."""
     bus = ZenohBus(ZenohOptions("peer", (router,), (), NAMESPACE, "walker"))
     work: SimpleQueue[Any] = SimpleQueue()
     pong = bus.publisher(PONG)

@@ -67,7 +67,7 @@ def _set_nice(pid: int, nice: int) -> None:
 
 @contextmanager
 def system(*words: str) -> Iterator[Machine]:
-    """Start the hexapod's system in a folder of its own."""
+    """Start the hexapod's system in a temporary folder, yield a handle of it, and take it down at the end."""
     with tempfile.TemporaryDirectory() as folder, up(Path(folder), *words) as machine:
         yield machine
 
@@ -292,7 +292,7 @@ def hours(
 
 
 def _slope(x: NDArray[np.float64], y: NDArray[np.float64], blocks: int = 10) -> tuple[float, float]:
-    """Return the slope of a least-squares line and twice its standard error, from the means of blocks of residuals."""
+    """Return the least-squares slope of y over x, (n,) each, and twice its standard error by blocks of residuals."""
     centred = x - x.mean()
     slope = float(np.sum(centred * y) / np.sum(centred * centred))
     parts = np.array_split(centred * (y - y.mean() - slope * centred), blocks)

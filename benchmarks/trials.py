@@ -52,7 +52,7 @@ def simulator(folder: Path, endpoint: str, namespace: str) -> subprocess.Popen[b
 
 
 def wait_for(place: str, folder: Path) -> None:
-    """Wait until a simulator answers a trial."""
+    """Wait until the simulator at endpoint `place` answers a first trial, at most `START_S` s."""
     until = time.monotonic() + START_S
     while True:
         try:
@@ -258,7 +258,7 @@ def pairs(
 
 
 def branched(ground: str, seed: int, legs: str, how: Branching, samples: str | None) -> Line:
-    """Run one walk; return its states, and append its samples to a file."""
+    """Walk once with branches at its steps; return the compared states, and append the stances to a file of samples."""
     states, found = pairs_of(ground, seed, replace(how, legs=legs))
     if samples is not None and found:
         append(Path(samples), found[0].trial, found)

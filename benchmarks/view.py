@@ -32,7 +32,7 @@ class Arrivals:
         self.at: dict[float, float] = {}
 
     def take(self, delivery: Delivery) -> None:
-        """Keep the time of arrival of a message."""
+        """Store the wall time at which a message of the truth arrived, by its stamp."""
         if not delivery.prime:
             self.at[round(delivery.header().stamp_ns * 1e-9, 3)] = 1000.0 * time.time()
 

@@ -86,14 +86,14 @@ class Loop:
         self.pending = self.world.command.copy()
 
     def tick(self) -> WalkerOutputs:
-        """Run one control tick."""
+        """Simulate one control tick of 10 ms of world, estimator and walker; return the walker's outputs."""
         out = self.walker.step(sense(self.world, self.estimator)[0])
         command, self.pending = self.pending, self.world.command if out.command is None else out.command
         self.world.step_tick(command)
         return out
 
     def saved(self) -> tuple[Any, ...]:
-        """Return the whole state, for `back`."""
+        """Return a copy of the state of world, estimator and walker, from which `back` continues."""
         parts = copy.deepcopy((self.estimator, self.walker.state, self.walker.params))
         return (self.world.checkpoint(), *parts, self.pending)
 

@@ -77,7 +77,7 @@ class WalkResult:
 
     @property
     def steps(self) -> int:
-        """Number of the last step of the walk with a finished stance; 0 without any."""
+        """Number of the last step of the walk in which a stance ended; 0 if none did."""
         return max((row[0] for row in self.rows), default=0)
 
 

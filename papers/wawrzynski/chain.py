@@ -19,7 +19,7 @@ from surefoot.robot.description import Robot
 
 
 class Chain(NamedTuple):
-    """Serial chain, foot first; arrays usable inside kernels."""
+    """Serial chain of a leg from foot to IMU, as arrays for kernels: rotations, displacements (m), joints, signs."""
 
     rot: Array  # (n, 3, 3) A_i, constant rotation of frame i + 1 in frame i at theta_i = 0
     shift: Array  # (n, 3) A_i l_i, origin of frame i + 1 in frame i at theta_i = 0, m

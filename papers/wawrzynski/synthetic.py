@@ -140,7 +140,7 @@ def _smooth(u: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """Path of the walk, sampled on the fine time grid."""
+    """Path of a synthetic walk on the fine time grid of N samples: time s, distance m, heading rad, x and y m."""
 
     t: Array
     way: Array  # (N,) m

@@ -134,7 +134,7 @@ class PathPoint(idl.IdlStruct, typename="unitree_go.msg.dds_.PathPoint_"):
 @final
 @autoid("sequential")
 class SportModeState(idl.IdlStruct, typename="unitree_go.msg.dds_.SportModeState_"):
-    """State estimate of the manufacturer's controller: m, m/s, rad/s."""
+    """State estimate by the manufacturer's controller: pose and velocity (m, m/s, rad/s), gait, feet, planned path."""
 
     stamp: TimeSpec
     error_code: uint32
