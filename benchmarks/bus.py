@@ -104,7 +104,7 @@ def round_trips(*, blocks: int = 30) -> None:
     Zenoh of equal size, 1.15 of hand-written zenoh + pydantic.
 
     Args:
-        blocks: of 100 round trips each way.
+        blocks: number of blocks of 100 round trips each way.
     """
     router = free_address()
     hub = ZenohBus(ZenohOptions("router", (), (router,), NAMESPACE))

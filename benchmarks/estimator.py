@@ -351,10 +351,10 @@ def service(*, ticks: int = 3000, against: Path | None = None, rounds: int = 3) 
     99th percentile of the estimator at most 2 ms beyond that of the echo.
 
     Args:
-        ticks: of the walk.
+        ticks: number of control ticks of the walk.
         against: another checkout; processor time of a whole tick (messages decoded and encoded) here and there, in
             turn in processes of their own. Goal: not slower.
-        rounds: of the comparison with it.
+        rounds: number of rounds of the comparison with the other checkout.
     """
     with tempfile.TemporaryDirectory() as name:
         folder, header = Path(name), ("process", "mean", "p50", "p90", "p99", "ticks")

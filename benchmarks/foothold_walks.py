@@ -380,7 +380,7 @@ def show_relearning(path: Path, seeds: Sequence[int], share: float = 0.5) -> Non
 
     Edges are withheld from a first model, half of the seeds make a round of walks in which a share of the choices
     explore, the other half a second round with the model of the first; by own slip and by truth, in the counted form
-    (c = 1) and in that of the paper (c = 1, then 0.5). The walks are those of the model of own slip.
+    (c = 1) and in that of Walas & Belter (c = 1, then 0.5). The walks are those of the model of own slip.
     """
     begin = start(read(path)[0], candidate_of(load(shipped("ragno") or "")))
     forms: tuple[Form, ...] = ("counted", "paper")

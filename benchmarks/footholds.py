@@ -101,7 +101,7 @@ def ratios(*, cells: int = 1000, rounds: int = 30) -> None:
 
     Args:
         cells: edge of the map in cells.
-        rounds: of calls that take turns.
+        rounds: number of rounds in which all functions are called in turn.
     """
     Footholds(FootholdsConfig()).rehearse()
     at = Ground(cells)

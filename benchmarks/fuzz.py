@@ -55,8 +55,8 @@ def wire(*, count: int = 200_000, seed: int = 0) -> None:
     """Fuzz the decoders of every topic, request and reply, of headers, frames and batches.
 
     Args:
-        count: inputs of all models together.
-        seed: of the inputs.
+        count: number of inputs of all models together.
+        seed: seed of the random inputs.
     """
     known, totals = models(), Tally()
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -120,7 +120,7 @@ def files(*, count: int = 20_000, seed: int = 0, only: str = "") -> None:
     """Fuzz the readers of every kind of file with damaged contents.
 
     Args:
-        count: inputs of all kinds together.
+        count: number of inputs of all kinds together.
         seed: of the damage.
         only: a kind of file; default: all.
     """
@@ -140,7 +140,7 @@ def bodies(*, count: int = 20_000, seed: int = 0) -> None:
     """Fuzz the parts of services that read arrays, with odd numbers in arrays of the size that their header states.
 
     Args:
-        count: arrays of all kinds together.
+        count: number of arrays of all kinds together.
         seed: of the arrays.
     """
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -207,10 +207,10 @@ def live(*, count: int = 1_000_000, seed: int = 0, rate: float = 4000.0, laps: i
     """Send random inputs to a hexapod that walks in lockstep; its run must have the hash of a run without them.
 
     Args:
-        count: inputs.
+        count: number of inputs.
         seed: of the inputs.
         rate: inputs per s.
-        laps: of the walk, 1 m and back; what is sent after its end meets a run that has ended.
+        laps: number of laps of the walk, 1 m and back; inputs sent after its end meet a run that has ended.
     """
     walk = parse_scenario(WALK + laps * LAP, Path("walk.toml"))
     with tempfile.TemporaryDirectory() as name, Live(Path(name)) as system:

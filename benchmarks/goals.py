@@ -66,7 +66,7 @@ def to_goal(arm: str, world: World, seed: int, record: Path | None = None) -> Li
 
     Args:
         arm: name in `ARMS`: policy and action set.
-        world: hard = drift, the paper's camera, commands as control; easy = see `corridor`.
+        world: hard = drift, the camera of Osswald et al., commands as control; easy = see `corridor`.
         seed: of everything random.
         record: folder for the recording, None = there is none.
     """
@@ -98,7 +98,8 @@ def policies(
     t-test; arcs at least 15 %; every goal reached with a true error of at most 0.2 m, no wall touched, no fall.
 
     Args:
-        world: hard: drift of 2 deg per 10 cm, the paper's camera, commands as control; easy: own camera and odometry.
+        world: hard: drift of 2 deg per 10 cm, camera as of Osswald et al., commands as control; easy: own camera and
+            odometry.
         arms: policies, comma-separated; the first is what the others are compared with.
         record: folder for the recordings, for `surefoot fit` and `goals transfer`; default: none are kept.
     """

@@ -74,7 +74,7 @@ def rounds(rounds: int = 5, /) -> None:
     services in one process; recording costs at most 10 %.
 
     Args:
-        rounds: of all variants.
+        rounds: number of runs of each variant.
     """
     rtf: dict[str, list[float]] = {name: [] for name, _ in VARIANTS}
     hashes: dict[str, set[str]] = {"delay": set(), "strict": set()}

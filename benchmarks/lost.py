@@ -139,7 +139,7 @@ def put(*, robots: int = 12, world: World, processes: int = 1) -> None:
     """Share of robots that the navigator counts as lost within 3 s after they were put down elsewhere.
 
     Args:
-        robots: of each case.
+        robots: number of robots of each case.
         world: conditions.
     """
     jobs = [
@@ -235,7 +235,7 @@ def turns(*, robots: int = 12, world: World, processes: int = 1) -> None:
     """Time until the navigator finds that its camera is turned, and what is left of the turn after 30 s.
 
     Args:
-        robots: of each turn.
+        robots: number of robots of each turn of the camera.
         world: conditions.
     """
     names = ("pitch", "roll", "aside")
@@ -260,7 +260,7 @@ def maps(*, robots: int = 12, world: World, processes: int = 1) -> None:
     """Time and distance until the navigator counts as lost with a map that does not fit the floor.
 
     Args:
-        robots: of each map.
+        robots: number of robots of each kind of map.
         world: conditions.
     """
     kinds = ("mirrored", "shuffled", "stretched")
@@ -279,7 +279,7 @@ def calm(*, minutes: float = 10.0, robots: int = 4, world: World, processes: int
     """Print how often robots that are not disturbed report themselves lost, and the NEES of their pose.
 
     Args:
-        minutes: of each.
+        minutes: simulated time of each robot, min.
         robots: number of robots.
         world: conditions.
     """

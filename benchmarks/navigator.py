@@ -230,7 +230,7 @@ def routes(*, times: int = 5) -> None:
     """Print the median processor time of route searches over maps of 2000 x 2000 cells.
 
     Args:
-        times: calls of each route.
+        times: number of searches for each route.
     """
     rows: list[tuple[object, ...]] = []
     for name, cells, start, end in (

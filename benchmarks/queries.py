@@ -245,9 +245,9 @@ def stability(*, queries: int = 5000, singles: int = 1500, starts: int = 5) -> N
     in less than 1.2 s when warm.
 
     Args:
-        queries: of all clients together.
+        queries: number of queries of all clients together.
         singles: single queries of each kind.
-        starts: of the service.
+        starts: number of starts of the service.
     """
     router, asked = free_address(), requests()
     process, took, bare = None, list[float](), 0.0

@@ -225,7 +225,7 @@ def trot(
 
     Args:
         robot: PACKAGE/ROBOT or the name of one of ours.
-        seconds: of each trot.
+        seconds: duration of each trot, s.
     """
     jobs = [
         {"robot": robot, "gait": gait, "seed": seed, "seconds": seconds} for gait in GAITS for seed in seeds_of(seeds)

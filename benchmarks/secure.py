@@ -108,7 +108,7 @@ def round_trips(*, blocks: int = 30) -> None:
     """Round trips of an 18-joint state in frames, peer to peer on loopback, with certificates and without, interleaved.
 
     Args:
-        blocks: of 100 round trips each way.
+        blocks: number of blocks of 100 round trips each way.
     """
     with certificates(NAMESPACE):
         pairs = {"plain": Pair(free_address()), "secure": Pair(secured(free_address()))}

@@ -74,13 +74,13 @@ def system(*words: str) -> Iterator[Machine]:
 
 @BENCH.part("--seconds 3 --rtf 0")
 def restarts(*, rtf: str = "1,0", seconds: float = 1800.0, nice: int = 0, processes: int = 24) -> None:
-    """Restarts and pace of `surefoot up ragno` beside processes that compute.
+    """Print restarts and speed of `surefoot up ragno` while other processes compute.
 
     Args:
         rtf: real-time factors, comma-separated; 0 = as fast as it goes.
-        seconds: of each.
+        seconds: wall time at each factor, s.
         nice: value of everything, system and busy processes, once the system is up: harder for both, kinder to others.
-        processes: that compute.
+        processes: number of processes that compute.
     """
     rows: list[tuple[object, ...]] = []
     for pace in rtf.split(","):

@@ -98,7 +98,7 @@ def hashes(runs: int = 5, /) -> None:
     """Run the demo several times, its processes started in random order: all hashes must be equal for a seed.
 
     Args:
-        runs: of the demo.
+        runs: number of runs of the demo.
     """
     scenario = load_scenario(find_scenario(SCENARIO))
     found: list[str] = []
@@ -129,7 +129,7 @@ def warm(*, against: str = "", rounds: int = 1) -> None:
 
     Args:
         against: folders of other checkouts, comma-separated, each set up with a .venv of its own.
-        rounds: of all.
+        rounds: number of measurements of each checkout.
     """
     cases = [(Path(name).resolve(), ()) for name in words_of(against)] + [(HERE, ()), (HERE, ("--all",))]
     took: dict[tuple[Path, tuple[str, ...]], list[tuple[float, float]]] = {case: [] for case in cases}
@@ -157,7 +157,7 @@ def first_calls(runs: int = 5, /) -> None:
     """Print the processor time of first calls from an installed wheel with compiled kernels, caches empty each time.
 
     Args:
-        runs: of each call.
+        runs: number of runs of each call.
     """
     with tempfile.TemporaryDirectory() as name:
         folder, took = Path(name), dict[str, list[float]]()

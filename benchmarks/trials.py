@@ -89,7 +89,7 @@ def primitives(*, trials: int = 60) -> None:
     ratio of trials per second needs two idle cores: the load of the machine is printed with it.
 
     Args:
-        trials: of the campaign.
+        trials: number of trials of the campaign.
     """
     chosen, endpoint = (paper_trials() + paper_trials(noise=0.003, seeds=(1, 2, 3)))[:trials], free_address()
     with ExitStack() as stack:

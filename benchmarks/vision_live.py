@@ -100,7 +100,7 @@ def live(
     """Nao walks 5 m to a goal on images of the floor alone, no truth in the loop; runs of a seed are pairs.
 
     Goals: all runs arrive within 0.2 m, the planner at least 7 % faster than the hand-made controller (7.1 % on the
-    paper's robot).
+    robot of Osswald et al.).
 
     Args:
         world: map of the floor, of `surefoot map build` (texture_seed 1).

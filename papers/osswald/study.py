@@ -1,7 +1,7 @@
 """Experiments of Osswald et al., section VI, in simulation: tuning, trainings, 100 + 100 episodes, claims.
 
 Nothing here is chosen by the episodes that are reported: the hand controller's entropy threshold, and which of ten
-trainings stands for the paper's one, are chosen on random streams of their own.
+trainings stands for the one of Osswald et al., are chosen on random streams of their own.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Reproduction of Walas & Belter (2011), section 3: learning where to step, Figs. 7 to 12.
 
-The paper states which method is better, not numbers: each order is checked over seeds, with 95 % intervals of 2000
-resamplings.
+Walas & Belter state which method is better, not numbers: each order is checked over seeds, with 95 % intervals of
+2000 resamplings.
 """
 
 import itertools

@@ -58,7 +58,7 @@ class Act:
 FAR = 1e9
 """Distance larger than any path, m: initial value of a minimum."""
 DETOUR_PACE = 0.04
-"""Lowest speed at which a robot walks a detour, m/s; the Nao walks at 0.05."""
+"""Assumed speed of a robot on a detour, m/s, by which its extra length counts as time; the Nao walks at 0.05."""
 NEARER = 3.0
 """Factor on the least progress, m, by which the remaining path has to shrink to count as shorter: the belief itself
 jumps by one such step."""
