@@ -32,7 +32,7 @@ class MinK2(_NoWeight):
         return "min-k2"
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """Return the mean roughness of each cell, at most 1, (ny, nx)."""
+        """Return the mean slope K2 / (8 cell) of each cell in place of its slip, at most 1, no unit, (ny, nx)."""
         return np.minimum(features.k2 / np.float32(8.0 * cell), np.float32(1.0))
 
 

@@ -99,7 +99,7 @@ def at_tick(system: LocalSystem, tick: int, act: Callable[[], None]) -> None:
 
 
 def two_models() -> tuple[LearnedModel, LearnedModel]:
-    """Return the model that is there before a case, and the one that is written in it."""
+    """Return the slip model in the file before a case, and the one that is written to it during the case."""
     path = shipped("ragno")
     assert path is not None
     old = load(path)

@@ -30,7 +30,8 @@ SETTLING = Schedule()
 PRINTED_GAMMA = 0.95
 TRAININGS = range(5000, 5010)
 HAND_EPISODES, LEARNED_EPISODES = Seeds(50_000, 50_100), Seeds(50_100, 50_200)
-"""Seeds of the 100 episodes of the hand-made and of the learned controller, drawn independently as by Osswald et al."""
+"""Seeds of 100 episodes each, drawn independently as by Osswald et al.; `HAND_EPISODES`: of the hand-made controller;
+`LEARNED_EPISODES`: of the learned one."""
 PAIRED_EPISODES = Seeds(51_000, 52_000)
 TUNING_STREAM, TUNING_EPISODES = 1, Seeds(0, 1000)
 THRESHOLDS = (-4.5, -4.0, -3.5, -3.0, -2.5, -2.0, -1.0)  # nats

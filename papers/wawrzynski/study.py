@@ -197,7 +197,10 @@ def errata(draws: int = 200, step: float = 1e-6) -> Errata:
 
 
 def _as_printed(chain, theta: Array, rate: Array, w: Array) -> tuple[Array, Array]:
-    """Return (8) with p_i x z theta' and (12) with the IMU's z axis w^z_i, as Wawrzynski et al. print them."""
+    """Return velocity and turn rate, from the IMU to the foot, by (8) and (12) as Wawrzynski et al. print them.
+
+    They print p_i x z theta' in (8), and the IMU's z axis w^z_i in (12).
+    """
     p, v, axes = np.zeros(3), np.zeros(3), chain.imu_axes.copy()
     omega = axes @ w
     for i in range(theta.size - 1, -1, -1):

@@ -186,7 +186,8 @@ class Sensors(NamedTuple):
 
 
 IMU_AT, MOTORS_AT, FEET_AT, TICK_AT = 9, 23, 288, 296
-"""Indices of the first number of the inertial unit, motors, foot forces and tick among the numbers of a LowState."""
+"""Index of the first number of a part of a LowState message among its numbers; `IMU_AT`: inertial unit; `MOTORS_AT`:
+motors; `FEET_AT`: foot forces; `TICK_AT`: tick."""
 
 
 def sensors_of(n: Numbers) -> Sensors:

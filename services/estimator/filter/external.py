@@ -28,7 +28,8 @@ from .samples import EX, ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, isolate, rotation
 
 POSITION, YAW, VELOCITY = range(3)
-"""Index of each part of a sample of another source: position of the IMU, heading of base_link, velocity of the IMU."""
+"""Kinds of measurement in a sample of another source; `POSITION`: of the IMU; `YAW`: heading of base_link; `VELOCITY`:
+of the IMU."""
 
 
 @kernel

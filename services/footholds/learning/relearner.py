@@ -49,7 +49,7 @@ class Relearner:
     """Number of outcomes rejected and of rounds that failed, by reason."""
     _waiting: list[StanceSample] = field(default_factory=list)
     _known: dict[str, None] = field(default_factory=dict)
-    """Trials of the last outcomes accepted, at most 100 000, oldest first; another outcome of one is refused as
+    """Names of the outcomes accepted last, at most 100 000, oldest first; an outcome of a name in it is refused as
     `twice`."""
     _due: int = 0
     _thread: threading.Thread | None = None

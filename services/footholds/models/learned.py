@@ -97,7 +97,7 @@ class LearnedModel:
     lattice: Lattice
     bins: dict[Key, Bin]
     ranges: tuple[tuple[float, float], ...]
-    """Smallest and largest K1 / (8 cell), K2 / (8 cell) and cos K3 of the samples, no unit; P is not predicted
+    """Smallest and largest K1 / (8 cell), K2 / (8 cell) and cos K3 of the samples, no unit; the slip P is not predicted
     outside."""
     distance_weight: float
     landing_error: float
