@@ -376,11 +376,12 @@ def slip(*, seeds: str = "0:12", processes: int = 2, results: Path | None = None
 
 
 def show_relearning(path: Path, seeds: Sequence[int], share: float = 0.5) -> None:
-    """Print what two rounds of re-learning close of the gap to all data.
+    """Print how much of the gap between a first model and one of all data two rounds of re-learning close.
 
-    Edges are withheld from a first model, half of the seeds make a round of walks in which a share of the choices
-    explore, the other half a second round with the model of the first; by own slip and by truth, in the counted form
-    (c = 1) and in that of Walas & Belter (c = 1, then 0.5). The walks are those of the model of own slip.
+    The first model is made without rough ground. It chooses footholds in walks of half of the seeds, the model learned
+    from these in walks of the other half, except for the random choices, a `share` of all. Models are learned from own
+    and from true slip, in the counted form (weight 1) and in that of Walas & Belter (weight 1, then 0.5); the counted
+    one of own slip chooses. `path`: file of the samples.
     """
     begin = start(read(path)[0], candidate_of(load(shipped("ragno") or "")))
     forms: tuple[Form, ...] = ("counted", "paper")

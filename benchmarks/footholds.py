@@ -273,7 +273,14 @@ def protocol(name: str, train: Array, test: Array, sizes: tuple[int, ...], start
 
 
 def searches(m: int, evaluations: int) -> None:
-    """Print what EA, PSO and variable projection reach on the grid: equal evaluations, and equal time."""
+    """Print errors of fits by particle swarm (PSO), evolution (EA) and variable projection to the test function.
+
+    Variable projection is run with as many evaluations as the others, and with as much time as the slowest of them.
+
+    Args:
+        m: number of terms of a fit.
+        evaluations: number of evaluations of the cost by each search.
+    """
     train, test = grid(np.arange(1.0, 7.0)), grid(np.arange(1.5, 6.0))
     y, y_test, rows = function(train), function(test), list[tuple[object, ...]]()
     w, centres, widths = 1.0 / y, (-2.0, 8.0), (0.0, 0.5)

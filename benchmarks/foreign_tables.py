@@ -34,7 +34,17 @@ LEFT_OUT = ("", "diff. cm/s", "worst leg", "heights cm", "ends cm", "head-gyro",
 
 
 def errors(name: str, log: Log, way: float, chosen: Sequence[str], to_tune: Sequence[str]) -> dict[str, ForeignScore]:
-    """Print the scores of one log and the goals of the first estimator; return all scores and the gyro's by name."""
+    """Print the scores of estimators on one log, and the goals of the default one; return scores by estimator's name.
+
+    The integral of the gyro alone is scored, too, under the name `GYRO`.
+
+    Args:
+        name: of the log.
+        log: sensor data and reference.
+        way: length over which relative errors of the position are measured, m.
+        chosen: names of the estimators that are run as they are.
+        to_tune: names of those that are run with settings tuned on this log, scored with a * after the name.
+    """
     found: dict[str, ForeignScore] = {}
     for one in chosen:
         try:

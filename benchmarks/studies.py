@@ -162,7 +162,10 @@ def chaos(*what: str, results: Path | None = None, processes: int = 1) -> None:
 
 
 def _marked(name: str, lines: list[Line]) -> tuple[object, ...]:
-    """Return a row of the table: recoveries taken over the seeds, and how many were new in each thousand of them."""
+    """Return a row of the table of recoveries: number of kinds taken, new kinds per thousand seeds, kinds never taken.
+
+    `name`: of the system, first in the row; `lines`: results of its seeds, one each.
+    """
     seen, new = set[str](), list[int]()
     for first in range(0, len(lines), MARKED):
         before = len(seen)

@@ -276,7 +276,7 @@ def _landings(around: Layer, blur: Array, mean: Layer) -> None:
 
 @kernel
 def _q(mask: Mask, mean: Layer, away: Layer, weight: float, block: bool, out: Layer) -> None:
-    """Write `mean` + `weight` (1/m) * `away` (m), (r, c) each, to `out`; `block`: averaged over free cells of 3 x 3."""
+    """Write costs `mean` + `weight` (1/m) * `away` (m) of cells (r, c) to `out`; `block`: averaged over free 3 x 3."""
     rows, cols = mask.shape
     for i in range(rows):
         for j in range(cols):

@@ -311,8 +311,9 @@ def heights(fan: Fan, count: int) -> Array:
 
 @row_kernel
 def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
-    """Return True if the smallest h(a) - a'p is as close to its lower bound, in `outlook`, as the solver is exact.
+    """Return True if the margin of a point p is as close to its lower bound, in `outlook`, as the solver is exact.
 
+    The margin is the smallest h(a) - a'p over unit directions a, with h(a) the support value of the region.
     True also where the fan is full, with `count` answers (the middle of a circle: all directions are equally near).
     """
     if count == fan.value.size:

@@ -175,7 +175,8 @@ def _start_near(a: Array, lam: Array, x: Array, w: Array, g: Array, share: float
 def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
     """Write RES = s - A lam + b tau, RESIDUAL = c tau - A'x, GAP = kappa + c'lam - b'x, MU = mean complementarity.
 
-    They are rows of w (contacts) and g (programs), layout in `lanes.py`; a (n, 3, m) = A, c (m,) the objective.
+    x forces, s dual slack, lam virtual twist, b right-hand side, tau and kappa of the embedding, and what is written:
+    rows of w (contacts) or g (programs), layout in `lanes.py`; a (n, 3, m) = A; c (m,): objective.
     """
     n, m = a.shape[0], c.size
     for k in range(lanes):
