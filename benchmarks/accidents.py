@@ -41,8 +41,8 @@ STEP = "[[step]]\nat_tick = {tick}\n{fields}\n"
 LEGS = ("lf", "lm", "lh", "rf", "rm", "rh")
 """Names of the legs of which one is chosen at random where the fields of an accident contain `LEG`."""
 DRAWS, NEXT = 10, 10_000
-"""`DRAWS`: most attempts at an accident until something goes wrong; `NEXT`: increment of the seed from one attempt to
-the next."""
+"""`DRAWS`: largest number of attempts at an accident until something goes wrong; `NEXT`: increment of the seed from one
+attempt to the next."""
 SLID_M, SHORT = 0.008, 0.9
 """`SLID_M`: sliding of a foot in one stance, m, above which a walk went wrong; `SHORT`: share of the commanded distance
 below which a walk that ended went wrong."""
@@ -50,12 +50,12 @@ below which a walk that ended went wrong."""
 
 @dataclass(frozen=True)
 class Accident:
-    """One walk and what happens to it.
+    """Walk of a robot with one accident of known cause, or with none.
 
     Attributes:
         cause: code that `why` should name; empty = nothing happens.
-        fields: of the step of the scenario, as TOML, with `LEG` for a leg that is drawn; empty for what no step can do.
-        stop, kill: emergency stop by this reason, end of this service.
+        fields: fields of the scenario step that causes it, as TOML, `LEG` = a leg drawn at random; empty = no step.
+        stop, kill: reason of an emergency stop, name of a service that is killed; empty = none.
     """
 
     name: str
@@ -165,7 +165,7 @@ def _folder(out: Path | None) -> Iterator[Path]:
 
 
 def record(case: Accident, seed: int, folder: Path) -> Path:
-    """Return the recording of a case, made unless it is there."""
+    """Return the path of the recording of a case; the walk is simulated only if `folder` lacks it."""
     path = folder / f"{case.name.replace(' ', '-')}-{seed}.mcap"
     if not path.exists():
         scenario, tick = scenario_of(case, seed)
@@ -175,7 +175,7 @@ def record(case: Accident, seed: int, folder: Path) -> Path:
 
 
 def went_wrong(path: Path, ordered: float) -> bool:
-    """Return whether the truth shows a fall, a sliding foot, or a walk much shorter than `ordered`, m."""
+    """Return True if a recording's truth shows a fall, a sliding foot, or a walk much shorter than `ordered`, m."""
     rows: list[Any] = [item.message() for item in read_recording(path, (SIM_TRUTH.key,))]
     slid = max(max(row.contact_sliding) for row in rows)
     return rows[-1].fallen or slid > SLID_M or dist(rows[0].position[:2], rows[-1].position[:2]) < SHORT * ordered
@@ -197,9 +197,9 @@ def causes(*, seed: int = 100, out: Path | None = None, first: int = 99) -> None
     An accident after which nothing goes wrong, neither for `why` nor by the truth, is none: it is drawn again.
 
     Args:
-        seed: of the first case; each has the next one.
+        seed: seed of the first case; it rises by one from case to case.
         out: folder of the recordings, kept; None = a temporary one.
-        first: at most so many cases of each kind.
+        first: largest number of cases of each kind.
     """
     named, blamed, again = 0, 0, 0
     with _folder(out) as folder:

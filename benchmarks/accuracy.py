@@ -45,7 +45,7 @@ MEASURES = ("rmse", "smooth")
 
 @dataclass(frozen=True)
 class Parts:
-    """Tables of the accuracy; `synthetic` and `logs` if none is chosen.
+    """Flags of the tables of the accuracy study to print; with none set, `synthetic` and `logs` are printed.
 
     Attributes:
         synthetic: synthetic walks.
@@ -78,7 +78,7 @@ class Parts:
 
 
 def row(name: str, scores: Sequence[Score]) -> tuple[object, ...]:
-    """Return one row of a table: means over the logs, half intervals and extremes."""
+    """Return one row of the table of errors of an estimator: means over logs, half-widths of intervals, extremes."""
 
     def of(field: str) -> list[float]:
         return [getattr(s, field) for s in scores]
@@ -96,7 +96,7 @@ def row(name: str, scores: Sequence[Score]) -> tuple[object, ...]:
 
 
 def show(found: Comparison, subjects: Sequence[str]) -> None:
-    """Print the scores of one set, the noise of the referees, and ratios to the best of them."""
+    """Print estimator scores on one set of logs, the tuned noise of the referees, and ratios to the best referee."""
     count = len(next(iter(found.scores.values())))
     what = f"{found.name}, {count} log{'s' if count > 1 else ''}, referees tuned for {found.measure}"
     table(what, COLUMNS, [row(name, scores) for name, scores in found.scores.items()])
@@ -112,7 +112,7 @@ def show(found: Comparison, subjects: Sequence[str]) -> None:
 
 
 def checked(chosen: str, known: Sequence[str]) -> tuple[str, ...]:
-    """Return the names in a list with commas; exit if one is not known."""
+    """Return the names in a comma-separated list; exit if one is not among `known`."""
     found = words_of(chosen)
     if unknown := [name for name in found if name not in known]:
         raise SystemExit(f"got {', '.join(unknown)}; known are {', '.join(known)}")
@@ -128,9 +128,9 @@ def tables(
 
     Args:
         parts: what to print.
-        sets: names of sets, by commas; default: all of the parts.
-        estimators: names, by commas.
-        references: referees, by commas.
+        sets: names of sets, comma-separated; default: all of the parts.
+        estimators: names of estimators, comma-separated.
+        references: names of referees, comma-separated.
         json_: file for the scores as well.
     """
     known = names()
@@ -213,7 +213,7 @@ def corrupted(name: str, kind: str, seed: int, trials: int) -> dict[str, Any]:
 
 
 def merged(parts: list[FuzzCounts]) -> FuzzCounts:
-    """Return the counts of several campaigns as those of one."""
+    """Return the summed counts of several fuzzing campaigns, and the largest of their speeds."""
     out = FuzzCounts()
     for part in parts:
         out.trials, out.samples = out.trials + part.trials, out.samples + part.samples
@@ -225,12 +225,12 @@ def merged(parts: list[FuzzCounts]) -> FuzzCounts:
 
 @BENCH.part("--trials 20")
 def fuzzed(*, estimators: str = default(), trials: int = 20_000, seed: int = 0) -> None:
-    """Random corruptions of walks, single and in pairs: never NaN, never above 2 m/s, P positive, no silent error.
+    """Corrupt walks at random: estimates must never be NaN or above 2 m/s, covariances positive, errors flagged.
 
     Args:
-        estimators: names, by commas.
-        trials: of each estimator.
-        seed: of the first walk.
+        estimators: names of estimators, comma-separated.
+        trials: number of corrupted walks of each estimator.
+        seed: seed of the first walk.
     """
     each, kinds = min(250, trials), ("twist", "slip", "edges")
     for name in words_of(estimators):

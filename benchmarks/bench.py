@@ -46,7 +46,7 @@ class Bench:
     parts: dict[str, Part] = field(default_factory=dict[str, Part])
 
     def part(self, quick: str | None = None) -> Callable[[F], F]:
-        """Register a function as a part; its name in words is the function's.
+        """Return a decorator that registers a function as a part of the benchmark, under the function's name.
 
         Args:
             quick: options of the smallest run, None = there is no cheap run.
@@ -134,7 +134,7 @@ def options_of(group: Any) -> dict[str, str]:
 
 
 def _add(parser: argparse.ArgumentParser, name: str, annotation: Any, default: Any, about: str) -> None:
-    """Add an option; a trailing underscore of its name is left out."""
+    """Add to a parser the option of a function's parameter; a trailing underscore of its name is left out."""
     option = f"--{name.rstrip('_').replace('_', '-')}"
     about += "" if default in (None, "", False) else f" (default: {default})".replace("%", "%%")
     if annotation is bool:
@@ -144,7 +144,7 @@ def _add(parser: argparse.ArgumentParser, name: str, annotation: Any, default: A
 
 
 def _values(annotation: Any) -> dict[str, Any]:
-    """Return the values that an option takes, of an optional one those without None; numbers are finite."""
+    """Return the keywords of `add_argument` for an annotation: choices, or a type that accepts finite numbers only."""
     kind = get_args(annotation)[0] if get_origin(annotation) in (Union, types.UnionType) else annotation
     if get_origin(kind) is Literal:
         return {"choices": get_args(kind)}
@@ -195,7 +195,7 @@ def table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -
 def goal(
     what: str, value: float, relation: Literal["<=", ">="] = "<=", bound: float | None = None, unit: str = ""
 ) -> None:
-    """Print a figure beside its goal, met or missed."""
+    """Print a figure, its goal `relation` `bound`, and whether it is met; without a bound the figure only."""
     shown = f"{what:52} {value:12.4g} {unit}"
     if bound is not None:
         met = value <= bound if relation == "<=" else value >= bound

@@ -62,7 +62,7 @@ class Setting:
         backlash: of the legs' joints, deg; default: as the robot description has it.
         friction: of the ground; default: that of the simulator.
         stop: time of a stop command after the start of the walk, s.
-        set: values of BipedParams as name=number, by commas.
+        set: values of BipedParams as name=number, comma-separated.
     """
 
     distance: float = 1.0
@@ -93,7 +93,7 @@ class Capture(NamedTuple):
 
 
 def robot_with(setting: Setting) -> Robot:
-    """Return the robot, with another backlash if the setting has one."""
+    """Return the robot that a setting names, with the setting's backlash of the leg joints if it has one."""
     robot = load_robot(setting.robot)
     if setting.backlash is None:
         return robot
@@ -162,7 +162,7 @@ class Run:
         self.tilt, self.capture, self.pushed = 0.0, None, setting.push is None
 
     def tick(self) -> bool:
-        """Run a control tick; return whether the run continues."""
+        """Simulate a control tick; return True while the run continues, False when it has ended."""
         world, walker = self.world, self.walker
         inputs, _ = sense(world, self.estimator)
         clock = time.perf_counter()
@@ -182,7 +182,7 @@ class Run:
         return not truth.fallen and world.tick * TICK_S < LIMIT_S
 
     def _ended(self, truth: Any) -> bool:
-        """Issue the commands and the push that are due; return whether the robot has ended its walk."""
+        """Issue the commands and the push that are due; return True if the robot has ended its walk."""
         out, walker, now = self.out, self.walker, self.world.tick * TICK_S
         if self.began < 0:
             standing = out.state == "standing" and walker.state.clock > 50
@@ -275,7 +275,7 @@ def _wrap(angle: float) -> float:
 
 
 def walked(seed: int, setting: dict[str, Any], code: str) -> Line:
-    """Run one setting on one seed; `code` is the digest of what the run depends on."""
+    """Simulate one walk of a biped and return its line of results; `code`: digest of the code, stored in the line."""
     run = Run(seed, Setting(**setting))
     while run.tick():
         pass
@@ -284,7 +284,7 @@ def walked(seed: int, setting: dict[str, Any], code: str) -> Line:
 
 @cache
 def code_version() -> str:
-    """Return a digest of everything a run depends on."""
+    """Return a SHA-256 digest of all code and parameter files that a simulated walk depends on, in hexadecimal."""
     root = Path(__file__).parents[1]
     folders = ("surefoot", "services/simulator", "services/estimator", "services/walker")
     names = sorted(path for name in folders for kind in ("*.py", "*.toml") for path in (root / name).rglob(kind))
@@ -295,7 +295,7 @@ def code_version() -> str:
 
 
 def summary(lines: Sequence[Line], distance: float) -> list[tuple[str, object]]:
-    """Return the rows of the table: means over the good runs unless stated."""
+    """Return the rows (what, figure) of the table of walks of `distance` m: means over the good runs unless stated."""
     good = [line for line in lines if line["ok"]]
 
     def mean(name: str) -> float:
@@ -319,7 +319,7 @@ def summary(lines: Sequence[Line], distance: float) -> list[tuple[str, object]]:
 
 
 def show_pushes(lines: Sequence[Line]) -> None:
-    """Print survival by force, the lost directions and phases with their capture points, and survival by place."""
+    """Print how many pushes were survived: by force, by lost direction and phase, and by place of the capture point."""
     rows: list[tuple[object, ...]] = []
     runs = [(line, line["setting"]["push"]) for line in lines]
     for force in sorted({push[0] for _, push in runs}):
@@ -350,13 +350,13 @@ def walks(
     robot: str = "bioloid", /, *, setting: Setting, push: bool = False, forces: str = "4,6,8,10,12",
     seeds: str = "0:10", processes: int = 2, results: Path = KEPT, show: bool = False,
 ) -> None:  # fmt: skip
-    """Walks, turns and pushes of a biped: falls, speed, yaw, what the walker costs.
+    """Simulate walks, turns and pushes of a biped: print falls, speed, yaw, and processor time of the walker.
 
     Args:
         robot: bioloid or nao.
         setting: conditions of the walks.
         push: 8 directions x 4 phases of each force, 0.1 s long.
-        forces: N, by commas.
+        forces: forces of the pushes, N, comma-separated.
         show: every run.
     """
     chosen = [(seed, replace(setting, robot=robot)) for seed in seeds_of(seeds)]

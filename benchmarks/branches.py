@@ -57,8 +57,8 @@ class Branching:
     """Rule of a walk that forks at some of its requests.
 
     Args:
-        rule: the rule of the walk.
-        candidates: rules by name.
+        rule: rule that chooses the footholds of the walk itself.
+        candidates: rules that are compared with each other, by name.
         every: a state at every n-th request; odd, or a tripod gait leaves one group of legs out.
         alone: candidates differ in one leg, drawn at random; otherwise in all legs that land.
         seed: of the draw of the leg.
@@ -110,21 +110,21 @@ class Branching:
 
     @property
     def child(self) -> bool:
-        """True in a forked process that walks the step of a candidate."""
+        """True in a forked process, which walks the step of one candidate; False in the parent."""
         return self._write >= 0
 
     def end(self, stances: Sequence[ChosenStance], fallen: bool) -> NoReturn:
-        """End a child and report its stances."""
+        """Report the stances of a child process, and whether it fell, to the parent, and end the process."""
         with os.fdopen(self._write, "wb") as stream:
             pickle.dump((tuple(stances), fallen), stream)
         os._exit(0)
 
     def finished(self, stances: Sequence[ChosenStance]) -> list[ChosenStance]:
-        """Return those of a child's stances that were in question."""
+        """Return the stances that began with the compared step, of the legs whose footholds differ."""
         return [each for each in stances if each.step == self._step and each.leg in self.legs]
 
     def _fork(self, step: int, legs: tuple[int, ...], landing: tuple[int, ...]) -> Arm | None:
-        """Return what a child reports; None in the child.
+        """Fork; return the outcome that the child process reports, and in the child itself None.
 
         Raises:
             RuntimeError: the child ended without a report.

@@ -1,4 +1,4 @@
-"""Bus beside raw Zenoh and hand-written zenoh + pydantic."""
+"""Round trips of the message bus, compared with raw Zenoh and a hand-written program of Zenoh and pydantic."""
 
 import itertools
 import multiprocessing
@@ -56,7 +56,7 @@ def state(seq: int) -> JointState:
 
 
 def publish(bus: ZenohBus, publisher: Any, message: Any) -> None:
-    """Publish a message as a service does in a tick without a report."""
+    """Publish a message through the bus as a service does in a control tick: corked, then flushed."""
     bus.cork()
     publisher.put(message)
     bus.flush(batch=message.seq % REPORT_TICKS == 0)
@@ -104,7 +104,7 @@ def round_trips(*, blocks: int = 30) -> None:
     Zenoh of equal size, 1.15 of hand-written zenoh + pydantic.
 
     Args:
-        blocks: of 100 round trips each way.
+        blocks: number of blocks of 100 round trips each way.
     """
     router = free_address()
     hub = ZenohBus(ZenohOptions("router", (), (router,), NAMESPACE))

@@ -1,4 +1,4 @@
-"""Lockstep core alone: processor time per tick beside that of another checkout."""
+"""Processor time per tick of the lockstep core without the work of services, compared with another checkout."""
 
 import os
 import statistics
@@ -48,7 +48,7 @@ def ticks(*, against: Path = HERE, blocks: int = 30) -> None:
 
     Args:
         against: another checkout; default: this one, which shows the noise.
-        blocks: of 100 ticks each.
+        blocks: number of blocks of 100 ticks each.
     """
     if not (against / "surefoot" / "lockstep").is_dir():
         raise SystemExit(f"--against must be a checkout of surefoot, got {against}")

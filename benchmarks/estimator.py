@@ -154,13 +154,13 @@ def tick_us() -> tuple[float, float]:
 
 @BENCH.part()
 def speed(*, estimators: str = default()) -> None:
-    """Processor time of a step (inertial sample, its share of the feet, the estimate), in a log and from Python.
+    """Processor time of estimators per inertial sample, over a whole log and sample by sample from Python.
 
     Beside the same step of filterpy's EKF with matrices of its own, the best of a few repeats in turn; then a whole log
     at 1 kHz, and the tick in which feet come 0.3 s late. Goals for `best`: of filterpy 0.3 with two feet, 0.7 with six.
 
     Args:
-        estimators: names, by commas.
+        estimators: names of estimators, comma-separated.
     """
     names = words_of(estimators)
     logs = {feet: synthesize(WalkParams(feet=feet, encoders=False), 0) for feet in (2, 6)}
@@ -351,10 +351,10 @@ def service(*, ticks: int = 3000, against: Path | None = None, rounds: int = 3) 
     99th percentile of the estimator at most 2 ms beyond that of the echo.
 
     Args:
-        ticks: of the walk.
+        ticks: number of control ticks of the walk.
         against: another checkout; processor time of a whole tick (messages decoded and encoded) here and there, in
             turn in processes of their own. Goal: not slower.
-        rounds: of the comparison with it.
+        rounds: number of rounds of the comparison with the other checkout.
     """
     with tempfile.TemporaryDirectory() as name:
         folder, header = Path(name), ("process", "mean", "p50", "p90", "p99", "ticks")

@@ -1,6 +1,6 @@
 """Unfriendly participants: floods on each key and query, readers that never read, clients that come and go.
 
-Every figure beside another is a ratio of neighbours: the machine may be busy with other work.
+Ratios are of measurements made directly one after the other, because the machine may be busy with other work.
 """
 
 import statistics
@@ -71,9 +71,9 @@ for _ in range(int(sys.argv[2])):
 
 
 def keys() -> list[tuple[str, str, str]]:
-    """Return verb, key and payload of each flood.
+    """Return the floods to test: verb (`put` or `get`), key and payload of each.
 
-    A request that acts is malformed, the others ask for their defaults: those are worked out.
+    Requests that change something are malformed, so they are refused; others ask for defaults, so they are computed.
     """
     services = [service_class(name) for name in SERVICES]
     observed = {topic.key for service in services for topic in service.observes}
@@ -88,14 +88,14 @@ def keys() -> list[tuple[str, str, str]]:
 
 @BENCH.part("--only of/nobody")
 def floods(*, only: str = "") -> None:
-    """Floods on each observed key, each served query and a key that no service knows, up to 50 000 times a second.
+    """Flood a running system: each observed key, each served query and an unknown key, up to 50 000 times a second.
 
-    `surefoot up ragno --rtf 1 --record`, and a process that publishes or requests. Printed are messages per s that it
-    got rid of, ticks per s before, during and in the first second after, ticks that a service left out during the flood
-    by the recording, and the most that any process grew.
+    The system is that of `surefoot up ragno --rtf 1 --record`; another process publishes or requests. Printed are its
+    messages per s, the ticks per s before, during and in the first second after the flood, the ticks that a service
+    left out according to the recording, and the largest growth of a process.
 
     Args:
-        only: keys that contain this text.
+        only: text that the flooded keys contain; empty = all keys.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -121,7 +121,7 @@ def floods(*, only: str = "") -> None:
 def _flood(
     machine: Machine, ticks: Ticks, verb: str, key: str, payload: str, rate: float = FLOOD_HZ
 ) -> tuple[int, int]:
-    """Return the first and the last tick during a flood."""
+    """Flood one key at up to `rate` messages per s; return the first and the last control tick during the flood."""
     pids = machine.pids()
     for pid in pids.values():
         forget_peak(pid)
@@ -150,10 +150,10 @@ def _flood(
 
 @BENCH.part()
 def readers() -> None:
-    """Times between two ticks in lockstep, with and without readers that never read and clients that come and go.
+    """Print the times between ticks in lockstep, without and with stuck readers, and with short-lived clients.
 
-    The system runs as fast as it goes, in turns without and with readers of `**` and of frames and with 200 clients in
-    all, as a client gets the ticks.
+    The system runs as fast as possible, alternately without and with subscribers that never read their messages (to
+    `**` and to frames), and with 200 clients in all that join and leave. Times are taken by another client.
     """
     with tempfile.TemporaryDirectory() as name, up(Path(name)) as machine, machine.session() as session:
         _in_lockstep(machine)
@@ -188,7 +188,7 @@ def readers() -> None:
 
 
 def _span(ticks: Ticks) -> tuple[float, float, float]:
-    """Return ticks per s, p99 and the most of the times between two ticks, s."""
+    """Return ticks per s, and the 99th percentile and the largest of the times between two ticks, s."""
     began = time.monotonic()
     time.sleep(SPAN_S)
     now = time.monotonic()
@@ -197,6 +197,6 @@ def _span(ticks: Ticks) -> tuple[float, float, float]:
 
 
 def _in_lockstep(machine: Machine) -> None:
-    """Begin a run in lockstep without end, as fast as it goes."""
+    """Begin a run in lockstep that is as fast as possible and does not end by itself."""
     done = machine.surefoot("call", "sim/reset", '{"keep": true, "mode": "lockstep"}')
     assert done.returncode == 0, done.stderr

@@ -117,7 +117,7 @@ def _beams(rng: Random) -> Array:
 
 
 def _land(rng: Random) -> Array:
-    """Return ridges and valleys: folded noise of four octaves, each weaker in the valleys of those before."""
+    """Return heights (ny, nx) m of ridges and valleys: folded noise of four octaves, each weaker in earlier valleys."""
     z, weight = np.zeros((NY, NX)), np.ones((NY, NX))
     for octave in range(4):
         ridge = (1.0 - np.abs(np.tanh(_spectral(rng, 1.5, 0.16 / 2**octave)))) ** 2
@@ -169,7 +169,7 @@ def _grain(rng: Random) -> Array:
 
 
 def _boxes(rng: Random, ground: Array) -> tuple[TerrainBox, ...]:
-    """Return boxes half sunk into a ground, turned and a little tilted."""
+    """Return random boxes of 2 to 10 cm, half sunk into ground of heights (ny, nx) m, tilted by slopes up to 0.2."""
     x, y = _axes()
     out: list[TerrainBox] = []
     for cx, cy in zip(*_places(rng, 55.0), strict=True):
@@ -193,7 +193,7 @@ CHOSEN_BY = tuple(SHAPES)[6:]
 
 
 def course(family: str, seed: int, robot: str = "ragno") -> Course:
-    """Return the conditions of a walk; equal arguments give equal ones."""
+    """Return conditions, terrain and map of a walk on a family of ground; equal arguments give equal courses."""
     rng = np.random.default_rng([seed, *family.encode()])
     x, y = _axes()
     friction, profile = round(float(rng.uniform(*FRICTION)), 2), MAPS[seed % len(MAPS)]
@@ -248,15 +248,15 @@ def families(
     *, rules: str = "learned,min-k2:4,hand", families: str = ",".join(REPORTED), seeds: str = "0:12",
     model: str = "shipped", robot: str = "ragno", results: Path | None = None, processes: int = 2,
 ) -> None:  # fmt: skip
-    """Learned footholds beside other rules on unseen families: contact sliding per stance, paired over seeds.
+    """Compare learned footholds with other rules on unseen families of ground: sliding per stance, paired over seeds.
 
     Intervals are 95 % of resampled seeds. Settings are chosen by the families of `CHOSEN_BY`.
 
     Args:
-        rules: by commas, see `foothold_walks`; the first is compared with the others.
-        families: by commas.
+        rules: names of rules, comma-separated, see `foothold_walks`; the first is compared with the others.
+        families: names of families of ground, comma-separated.
         model: a model file, or shipped.
-        robot: name.
+        robot: name of the robot.
     """
     names, places = words_of(rules), words_of(families)
     jobs = [{"ground": ground, "rule": rule, "seed": seed}
@@ -289,14 +289,14 @@ def curve(
     *, samples: Path = Path("samples.jsonl"), held: Path = Path("held.jsonl"), sizes: str = "2,4,8,16,24",
     draws: int = 5, seeds: str = "60:66",
 ) -> None:  # fmt: skip
-    """Learning curve: models of some of the walks of a file, on stances of families that none of them has seen.
+    """Print a learning curve: quality of slip models of few to many walks, on families of ground that none has seen.
 
     Args:
-        samples: of `surefoot footholds collect`.
+        samples: file of samples that `surefoot footholds collect` wrote.
         held: stances with random footholds on the families of `CHOSEN_BY`; made where absent.
-        sizes: numbers of walks, by commas.
+        sizes: numbers of walks, comma-separated.
         draws: sets of walks drawn for each size.
-        seeds: of the families.
+        seeds: seeds of the stances that are held out.
     """
     learned, _, _ = read(samples)
     test = random_stances(CHOSEN_BY, seeds_of(seeds), held)

@@ -64,7 +64,7 @@ SEEDS = 20
 
 
 class Averaged(HandScore):
-    """Hand-made score with the landing error of the learned model."""
+    """Hand-made slip score whose slip is averaged over the landing error of the learned model, 5 mm."""
 
     @property
     def landing_error(self) -> float:
@@ -170,7 +170,7 @@ class Verdict:
     """Number of paired seeds on the ground that has the fewest."""
 
     def row(self) -> tuple[object, ...]:
-        """Return the row of the table; too few seeds are named."""
+        """Return the row of the table of targets: what, value, goal, state, and `pairs` if below `SEEDS`."""
         seeds = f"{self.pairs} seeds of {SEEDS}" if self.pairs < SEEDS else ""
         return self.what, f"{self.value:.3f}", self.goal, {True: "met", False: "missed", None: "open"}[self.met], seeds
 
@@ -220,16 +220,16 @@ def rules(
     *, rules: str = "learned,hand", grounds: str = ",".join(TAUGHT), seeds: str = "0:10", model: str = "shipped",
     robot: str = "ragno", results: Path | None = None, processes: int = 2, report: bool = False,
 ) -> None:  # fmt: skip
-    """Learned footholds beside other rules: ratios of mean contact sliding per stance, paired over seeds, and targets.
+    """Compare learned footholds with other rules: ratios of mean sliding per stance, paired over seeds, and targets.
 
     Intervals are 95 % of 4000 resamplings of the seeds. ``--rules learned:0.3,learned:0.8`` compares two
     weights k of the distance to the nominal foothold, 1/m; give seeds that no other study uses.
 
     Args:
-        rules: by commas, see `rule_of`.
-        grounds: by commas, see `GROUNDS`.
+        rules: names of rules, comma-separated, see `rule_of`.
+        grounds: names of grounds, comma-separated, see `GROUNDS`.
         model: a model file, or shipped.
-        robot: name.
+        robot: name of the robot.
         report: walk nothing, print what the results file holds.
     """
     names, places = words_of(rules), words_of(grounds)
@@ -250,12 +250,12 @@ class Course:
     """Conditions of walks with the hand-made score.
 
     Attributes:
-        distance: m.
+        distance: length of the walk, m.
         amplitude: height of the ground, m; default: that of the kind.
         friction: of the ground.
-        robot: name.
+        robot: name of the robot.
         profile: of the map, noise or exact.
-        set: values of WalkerParams as name=number, by commas.
+        set: values of WalkerParams as name=number, comma-separated.
         nominal: land on nominal footholds.
     """
 
@@ -274,14 +274,14 @@ class Course:
 
 
 def scored(seed: int, terrain: str, course: Course) -> Line:
-    """Walk with the hand-made score, or on nominal landings; return the figures."""
+    """Simulate a walk on `terrain`, footholds by the hand-made score or nominal; return its line of results."""
     rule = None if course.nominal else model_rule(HandScore(), SelectParams())
     return {name: value for name, value in vars(walk(seed, course.on(terrain), rule)).items() if name != "slides_mm"}
 
 
 @BENCH.part("flat --seeds 0:1 --distance 0.1")
 def scores(terrain: str = "demo", /, *, course: Course, seeds: str = "0:10", processes: int = 2) -> None:
-    """Walks with the hand-made score: how many reach the end, how far feet slide, what the walker costs.
+    """Simulate walks with the hand-made score: print arrivals, falls, sliding of feet, processor time of the walker.
 
     Args:
         terrain: kind of ground.
@@ -309,7 +309,7 @@ FAR_MM = 2.0
 
 
 def measured(seed: int, rule: str) -> Line:
-    """Walk under a rule; return the measured slip and both true ones of every stance, mm."""
+    """Walk under a rule; return each stance's slip, mm: by the robot, and true by both definitions of `slip`."""
     chosen = random_rule(seed) if rule == "random" else model_rule(HandScore(), SelectParams())
     joined = JoinedWalk(seed, SLIP, chosen)
     follower = SlipFollower(joined)
@@ -319,7 +319,7 @@ def measured(seed: int, rule: str) -> Line:
 
 
 def of_slip(walks: list[Array], column: int) -> tuple[Ranged, Ranged, Ranged]:
-    """Return AUC of slips over 2 mm, RMSE and bias (mm) of own slip, column 0 of walks (n, 3) mm, against a column."""
+    """Return AUC of slips over 2 mm, RMSE and bias (mm) of column 0 (own slip) of walks (n, 3) mm against `column`."""
 
     def over(statistic: Any) -> Ranged:
         def of(chosen: Sequence[Array]) -> float:
@@ -336,7 +336,7 @@ def of_slip(walks: list[Array], column: int) -> tuple[Ranged, Ranged, Ranged]:
 
 @BENCH.part("--seeds 0:1")
 def faults(*, seeds: str = "0:10", processes: int = 2) -> None:
-    """Stances of a leg with a faulty sensor, and of its sound legs, that would be learned from: walks as of `slip`."""
+    """Count stances that would be learned from, of a leg with a faulty sensor and of sound legs; walks as in `slip`."""
     jobs = [{"fault": fault, "seed": seed} for fault in FAULTS for seed in seeds_of(seeds)]
     lines = study(partial(faulty_walk, setting=SLIP, rule=None), jobs, processes=processes)
     counts = ("soon", "later", "others", "sound")
@@ -346,7 +346,7 @@ def faults(*, seeds: str = "0:10", processes: int = 2) -> None:
 
 @BENCH.part()
 def slip(*, seeds: str = "0:12", processes: int = 2, results: Path | None = None, relearn: Path | None = None) -> None:
-    """Slip of stances as the robot measures it, beside the truth: rough ground, noisy sensors, hundreds of stances.
+    """Compare the slip that the robot measures with the true one, over hundreds of stances on rough ground.
 
     Walks of 0.9 m over rough ground of 4 cm at friction 0.5 with a noisy map, half of them with random footholds, half
     with those of the hand-made score. The robot measures by encoders of 0.29 deg at 30 Hz, foot switches and the
@@ -376,11 +376,12 @@ def slip(*, seeds: str = "0:12", processes: int = 2, results: Path | None = None
 
 
 def show_relearning(path: Path, seeds: Sequence[int], share: float = 0.5) -> None:
-    """Print what two rounds of re-learning close of the gap to all data.
+    """Print how much of the gap between a first model and one of all data two rounds of re-learning close.
 
-    Edges are withheld from a first model, half of the seeds make a round of walks in which a share of the choices
-    explore, the other half a second round with the model of the first; by own slip and by truth, in the counted form
-    (c = 1) and in that of the paper (c = 1, then 0.5). The walks are those of the model of own slip.
+    The first model is made without rough ground. It chooses footholds in walks of half of the seeds, the model learned
+    from these in walks of the other half, except for the random choices, a `share` of all. Models are learned from own
+    and from true slip, in the counted form (weight 1) and in that of Walas & Belter (weight 1, then 0.5); the counted
+    one of own slip chooses. `path`: file of the samples.
     """
     begin = start(read(path)[0], candidate_of(load(shipped("ragno") or "")))
     forms: tuple[Form, ...] = ("counted", "paper")

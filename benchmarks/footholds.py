@@ -1,4 +1,4 @@
-"""Foothold functions: times, ratios of times, fits of the test function of the paper."""
+"""Foothold functions: processor times, their ratios, and fits of the test function of Walas & Belter (2011)."""
 
 import time
 from collections.abc import Callable
@@ -72,7 +72,7 @@ class Ground:
         map_features_numpy(self.heights.z, STROKE, CELL)
 
     def copies(self) -> None:
-        """Copy the map three times: the floor that memory sets."""
+        """Copy the map three times, which takes the least time that access to memory allows."""
         for layer in self.out:
             np.copyto(layer, self.heights.z)
 
@@ -90,18 +90,18 @@ class Ground:
 
 
 def _tile(ground: FootholdGround, heights: HeightMap, edge: int, full: Any) -> None:
-    """Filter and dilate one tile of a map."""
+    """Filter one tile of `edge` cells of a changed map and dilate it by the foot sphere."""
     heights.smooth_part(full, edge - 1, 2 * edge + 1, edge - 1, 2 * edge + 1)
     ground.surface.dilate_part(ground.foot_radius, full, edge - 2, 2 * edge + 2, edge - 2, 2 * edge + 2)
 
 
 @BENCH.part("--cells 100 --rounds 2")
 def ratios(*, cells: int = 1000, rounds: int = 30) -> None:
-    """Costs of foothold functions as ratios, by calls that take turns, beside the limits of the project.
+    """Print ratios of processor times of foothold functions, called in turn, beside the limits of this project.
 
     Args:
         cells: edge of the map in cells.
-        rounds: of calls that take turns.
+        rounds: number of rounds in which all functions are called in turn.
     """
     Footholds(FootholdsConfig()).rehearse()
     at = Ground(cells)
@@ -157,7 +157,7 @@ def _loops(z: Any) -> None:
 
 @BENCH.part("--cells 100")
 def times(*, cells: int = 1000) -> None:
-    """Times of ground coefficients of a map, one window, one decision; the best of blocks of calls.
+    """Print the least processor times of the ground coefficients of a map, of one window and of one foothold choice.
 
     Args:
         cells: edge of the map in cells.
@@ -273,7 +273,14 @@ def protocol(name: str, train: Array, test: Array, sizes: tuple[int, ...], start
 
 
 def searches(m: int, evaluations: int) -> None:
-    """Print what EA, PSO and variable projection reach on the grid: equal evaluations, and equal time."""
+    """Print errors of fits by particle swarm (PSO), evolution (EA) and variable projection to the test function.
+
+    Variable projection is run with as many evaluations as the others, and with as much time as the slowest of them.
+
+    Args:
+        m: number of terms of a fit.
+        evaluations: number of evaluations of the cost by each search.
+    """
     train, test = grid(np.arange(1.0, 7.0)), grid(np.arange(1.5, 6.0))
     y, y_test, rows = function(train), function(test), list[tuple[object, ...]]()
     w, centres, widths = 1.0 / y, (-2.0, 8.0), (0.0, 0.5)
@@ -311,7 +318,7 @@ def searches(m: int, evaluations: int) -> None:
 
 @BENCH.part()
 def fit(*, small: bool = False, evaluations: int = 6000) -> None:
-    """Fits of the test function of Kosinski & Weigl (paper: .069 / .079 %, its sets are not stated).
+    """Fit the test function of Kosinski & Weigl (Walas & Belter: .069 / .079 %, with sets that they do not state).
 
     Grid protocol: train {1..6}^3, test {1.5..5.5}^3. Random protocol: as many points evenly drawn from [1, 6]^3 and
     [1.5, 5.5]^3, five sets. Variable projection starts at random, and the start of the smallest cost on the training

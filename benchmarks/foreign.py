@@ -54,7 +54,7 @@ ONE = "--logs synthetic"
 
 
 def readable(names: Sequence[str], data: Path) -> Iterator[tuple[str, float, Log]]:
-    """Yield name, length of relative poses, m (NaN without truth), and log of those that are readable; print the rest.
+    """Yield name, path length of relative poses, m (NaN: no truth), and log of readable logs; print unreadable ones.
 
     Raises:
         SurefootError: there is no log of this name.
@@ -76,7 +76,7 @@ def readable(names: Sequence[str], data: Path) -> Iterator[tuple[str, float, Log
 
 
 def own_sets(sets: str) -> list[LogSet]:
-    """Return sets of synthetic and recorded walks by commas, by default all.
+    """Return the sets of synthetic and recorded walks in a comma-separated list, by default all.
 
     Raises:
         SurefootError: there is no such set.
@@ -109,8 +109,8 @@ def tables(
     """Errors of the estimator and of all referees on each log, beside the goals.
 
     Args:
-        logs: names, by commas; default: all.
-        estimators: names, by commas; default: `best` and all referees.
+        logs: names of logs, comma-separated; default: all.
+        estimators: names of estimators, comma-separated; default: `best` and all referees.
         no_tuned: leave out the tuned referees.
         data: folder of the files.
         json_: file for the scores as well.
@@ -128,7 +128,7 @@ def tables(
 
 
 def each(logs: str, data: Path) -> Iterator[tuple[str, float, Log]]:
-    """Yield those of the logs that have truth, see `readable`."""
+    """Yield name, path length of relative poses, m, and log of those of the named logs that have truth."""
     for name, way, log in readable(words_of(logs), data):
         if log.truth is None:
             print(f"{name}: skipped, no truth", flush=True)
@@ -138,11 +138,11 @@ def each(logs: str, data: Path) -> Iterator[tuple[str, float, Log]]:
 
 @BENCH.part(ONE)
 def noise(*, logs: str = CHANGED, estimators: str = default(), data: Path = DATA) -> None:
-    """Error with wrongly stated noise, legs, contact levels and time offset, over that of the log as it is.
+    """Print errors with wrongly stated noise, legs, contact levels and time offset over those of the unchanged log.
 
     Args:
-        logs: names, by commas.
-        estimators: `best` or `inekf`, by commas.
+        logs: names of logs, comma-separated.
+        estimators: `best` or `inekf`, comma-separated.
         data: folder of the files.
     """
     for one in words_of(estimators):
@@ -164,8 +164,8 @@ def starts(*, logs: str = CHANGED, estimators: str = default(), count: int = 100
     """Start in mid-walk with the inertial unit in random orientations; errors count from 3 s later.
 
     Args:
-        logs: names, by commas.
-        estimators: names, by commas.
+        logs: names of logs, comma-separated.
+        estimators: names of estimators, comma-separated.
         count: orientations.
         data: folder of the files.
     """
@@ -195,10 +195,10 @@ def faults(
     Times count from the first sample that the fault alters. A fault that alters none before the log ends is left out.
 
     Args:
-        logs: names, by commas.
-        estimators: names, by commas.
-        times: at which each fault is planted, for each of two feet.
-        first: share of the log from which they are, over 0.3 of it.
+        logs: names of logs, comma-separated.
+        estimators: names of estimators, comma-separated.
+        times: number of moments at which each fault is planted, for each of two feet.
+        first: share of the log at which these moments begin, 0 to 1; they are spread over 0.3 of the log.
         data: folder of the files.
     """
     chosen = list(each(logs, data))
@@ -233,14 +233,14 @@ def tilted(
     *, logs: str = "", sets: str = "", seeds: str = "3", degrees: float = 8.0, estimators: str = default(),
     data: Path = DATA
 ) -> None:  # fmt: skip
-    """Starts at rest whose tilt is wrong: time with more than 5 cm/s of error, of that in silence, worst of all axes.
+    """Start at rest with a wrong tilt: time with an error above 5 cm/s, and how much of it without a flag.
 
     Args:
-        logs: names, by commas; default: all that begin with a rest.
-        sets: of synthetic and recorded walks, by commas; default: all.
-        seeds: of the axes, and of the walks, count or first:end.
-        degrees: by which the accelerometer is turned until the robot walks.
-        estimators: names, by commas.
+        logs: names of logs, comma-separated; default: all that begin with a rest.
+        sets: names of sets of synthetic and recorded walks, comma-separated; default: all.
+        seeds: seeds of the axes and of the walks, count or first:end; the worst of them is printed.
+        degrees: angle by which the accelerometer is turned until the robot walks, deg.
+        estimators: names of estimators, comma-separated.
         data: folder of the files.
     """
     numbers, whole = seeds_of(seeds), tuple(name for name in FOREIGN if name not in CONTRADICTED)
@@ -260,11 +260,11 @@ def tilted(
 
 @BENCH.part(f"{ONE} --sets twist --seeds 1")
 def smoothed(*, logs: str = "", sets: str = "", seeds: str = "5", data: Path = DATA) -> None:
-    """Forward estimates and those of `surefoot estimate --smooth`, forward / smoothed; NEES per degree of freedom.
+    """Print the errors of forward and of smoothed estimates (`surefoot estimate --smooth`), and their NEES.
 
     Args:
-        logs: names, by commas; default: all with truth.
-        sets: of synthetic and recorded walks, by commas; default: all. Rows are means over their seeds.
+        logs: names of logs, comma-separated; default: all with truth.
+        sets: names of sets of synthetic and recorded walks, comma-separated; default: all. Rows are means over seeds.
         seeds: of the walks, count or first:end.
         data: folder of the files.
     """
@@ -283,11 +283,11 @@ def _variant(name: str, seed: int) -> Log:
 def simulated(
     *, sets: str = "", estimators: str = f"{default()},inekf", seeds: str = "5", tuned_: bool = False
 ) -> None:
-    """Walks on ice and with another inertial unit, which estimators do not know of, and feet that land on edges.
+    """Print errors in walks on ice, with another inertial unit than estimators assume, and with landings on edges.
 
     Args:
-        sets: names, by commas; default: all.
-        estimators: names, by commas.
+        sets: names of sets of walks, comma-separated; default: all.
+        estimators: names of estimators, comma-separated.
         seeds: of the walks, count or first:end; a walk that is not in the cache takes up to half a minute.
         tuned_: add the invariant filter tuned on other seeds, `inekf*`.
     """

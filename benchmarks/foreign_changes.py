@@ -1,4 +1,4 @@
-"""Changes of a log of others or of what is stated about it, and errors with them: rows of the parts of `foreign`."""
+"""Estimator errors on logs by others with changed samples or wrongly stated properties: rows for `foreign`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -66,9 +66,9 @@ def changes(name: str, log: Log, row: ForeignLog | None) -> Iterator[Change]:
     """Yield changes of a log or of the estimator's options, one for each thing that a user may state or build wrongly.
 
     Args:
-        name: of the estimator.
-        log: as it is.
-        row: of the table of logs, for the forces from which feet stand; None = unknown.
+        name: name of the estimator.
+        log: unchanged log.
+        row: the log's row in the table of logs, which gives the forces from which on feet stand; None = unknown.
     """
     for key, value in noise_options(name, log).items():
         for factor in FACTORS:
@@ -159,7 +159,7 @@ def fast_moment(log: Log, share: float = MIDDLE) -> float:
 
 
 def _most(values: Sequence[float]) -> float:
-    """Return the largest finite value, NaN = there is none."""
+    """Return the largest finite one of some values; NaN = none is finite."""
     return max((x for x in values if np.isfinite(x)), default=float("nan"))
 
 
@@ -175,7 +175,7 @@ class Planted:
 
     @property
     def right(self) -> bool:
-        """True if the faulty sensor was named in time, and no other."""
+        """True if the faulty sensor was named within `AFTER_S` and no other was; else False."""
         return self.named <= AFTER_S and not self.wrong
 
 
@@ -184,11 +184,11 @@ def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: floa
 
     Args:
         fault: name in `PLANTED`.
-        log: without the fault, with truth.
-        clean: track of the estimator over it.
-        foot: at fault.
-        name: of the estimator.
-        at_s: s since the start.
+        log: log without the fault, with truth.
+        clean: track of the estimator over that log.
+        foot: index of the foot whose sensor is faulty.
+        name: name of the estimator.
+        at_s: time since the start at which the fault begins, s.
     """
     changed = PLANTED[fault](log, at_s, foot)
     bad, since = run(name, changed), first_altered(log, changed, at_s)
@@ -209,7 +209,7 @@ def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: floa
 
 
 def _error(log: Log, found: Track, rows: NDArray[np.bool_]) -> float:
-    """Return the rms error over 0.5 s in some rows, m/s."""
+    """Return the rms of the velocity error, averaged over 0.5 s, in the rows of a log flagged in `rows` (n,), m/s."""
     error = smoothed(velocity_error(log, found)[rows], log)
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 

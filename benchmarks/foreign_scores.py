@@ -61,10 +61,10 @@ def scored(log: Log, found: Track, way: float, cost: float = NAN) -> ForeignScor
     """Compare a track with the truth of its log.
 
     Args:
-        log: with truth.
-        found: track over it; one that never started has no errors.
-        way: m of a relative pose.
-        cost: us a row, to be printed.
+        log: log with truth.
+        found: track over that log; a track that never started has no errors.
+        way: length of path over which relative poses are compared, m.
+        cost: processor time per row of the log, us, stored in the result.
     """
     initialised = found.flags["initialised"]
     if not initialised[log.scored].any():
@@ -120,9 +120,9 @@ def leave_one_out(log: Log, estimate: Callable[[Log], Track], made: Array | None
     """Return how estimates that leave out one leg in turn agree with the estimate by all legs.
 
     Args:
-        log: what to run over.
-        estimate: runs the estimator.
-        made: heading by the maker of the robot, (n,) rad.
+        log: log without truth.
+        estimate: function that runs the estimator over a log.
+        made: heading recorded by the robot's own software, (n,) rad; None = there is none.
     """
     whole, rows = estimate(log), log.scored
     if not whole.flags["initialised"][rows].any():
@@ -144,8 +144,8 @@ def goals_of(name: str, way: float) -> dict[str, tuple[float, float]]:
     """Return the range (least, most) of each measure that is a goal of the default estimator on a log.
 
     Args:
-        name: of the log.
-        way: m of its relative poses; NaN for a log without truth.
+        name: name of the log.
+        way: length of path over which relative poses are compared, m; NaN for a log without truth.
     """
     if name == "icub_kindyn_walk":
         return {"smooth": (0.0, 1.25), "nees": (1.0, 6.0), "rpe": (0.0, 3.3), "height": (0.0, 8.0)}

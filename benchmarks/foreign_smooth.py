@@ -24,11 +24,11 @@ BOTH_WAYS = (
 
 
 def both_ways(logs: Sequence[Log], way: float) -> tuple[str, ...]:
-    """Return the cells of one row: errors of the forward pass / smoothed, means over logs.
+    """Return the cells of a table row: mean errors over logs, forward estimates / smoothed estimates.
 
     Args:
-        logs: with truth.
-        way: m of a relative pose.
+        logs: logs with truth.
+        way: length of path over which relative poses are compared, m.
     """
     pairs = [(_numbers(log, track(default(), log), way), _numbers(log, smooth(default(), log), way)) for log in logs]
     ahead, both = np.mean(pairs, axis=0)

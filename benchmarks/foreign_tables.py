@@ -27,14 +27,24 @@ MEASURE = "smooth"
 CONTRADICTED = {"casbot_walk_b": 2.9}
 """Time since the start, s, from which the feet of a log contradict its truth, by name of the log."""
 RATIOS = {"rpe": "RPE", "heading": "heading", "smooth": "error over 0.5 s"}
-"""Names in tables of the errors in which no referee may have a smaller one than the default estimator, by error."""
+"""Names in tables of the errors (by key) that the default estimator must not have larger than any referee."""
 GYRO = "gyro alone"
 UNITS = {"rpe": "% of the way", "heading": "deg rms", "smooth": "cm/s"}
 LEFT_OUT = ("", "diff. cm/s", "worst leg", "heights cm", "ends cm", "head-gyro", "head-maker", "ok")
 
 
 def errors(name: str, log: Log, way: float, chosen: Sequence[str], to_tune: Sequence[str]) -> dict[str, ForeignScore]:
-    """Print the scores of one log and the goals of the first estimator; return all scores and the gyro's by name."""
+    """Print the scores of estimators on one log, and the goals of the default one; return scores by estimator's name.
+
+    The integral of the gyro alone is scored, too, under the name `GYRO`.
+
+    Args:
+        name: of the log.
+        log: sensor data and reference.
+        way: length over which relative errors of the position are measured, m.
+        chosen: names of the estimators that are run as they are.
+        to_tune: names of those that are run with settings tuned on this log, scored with a * after the name.
+    """
     found: dict[str, ForeignScore] = {}
     for one in chosen:
         try:

@@ -1,4 +1,4 @@
-"""Strangers in the name of a service: forged joint commands, and a token that is shown before the service crashes."""
+"""Attacks by clients under the name of a service: forged joint commands, and a liveliness token shown beforehand."""
 
 import subprocess
 import sys

@@ -43,7 +43,7 @@ def models() -> dict[str, type[Wire]]:
 
 
 def read_again(model: type[Wire], data: bytes, attachment: bytes | None) -> None:
-    """Decode a message and encode it again; what the decoder accepts has to be finite and return from its own bytes."""
+    """Decode and encode a message; what the decoder accepts must be finite and equal after a second decoding."""
     message = decode(model, data, attachment)
     again = decode(model, *encode(message))
     if again != message:
@@ -52,11 +52,11 @@ def read_again(model: type[Wire], data: bytes, attachment: bytes | None) -> None
 
 @BENCH.part("--count 3000")
 def wire(*, count: int = 200_000, seed: int = 0) -> None:
-    """Decoders of every topic, request and reply, of headers, frames and batches.
+    """Fuzz the decoders of every topic, request and reply, of headers, frames and batches.
 
     Args:
-        count: inputs of all models together.
-        seed: of the inputs.
+        count: number of inputs of all models together.
+        seed: seed of the random inputs.
     """
     known, totals = models(), Tally()
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -117,10 +117,10 @@ def _report(name: str, tally: Tally, took: float, memory_kb: int) -> None:
 
 @BENCH.part("--count 400")
 def files(*, count: int = 20_000, seed: int = 0, only: str = "") -> None:
-    """Readers of every kind of file, over damaged contents.
+    """Fuzz the readers of every kind of file with damaged contents.
 
     Args:
-        count: inputs of all kinds together.
+        count: number of inputs of all kinds together.
         seed: of the damage.
         only: a kind of file; default: all.
     """
@@ -137,10 +137,10 @@ def files(*, count: int = 20_000, seed: int = 0, only: str = "") -> None:
 
 @BENCH.part("--count 100")
 def bodies(*, count: int = 20_000, seed: int = 0) -> None:
-    """Arrays of the size that their header states with odd numbers in them, and the parts of services that read them.
+    """Fuzz the parts of services that read arrays, with odd numbers in arrays of the size that their header states.
 
     Args:
-        count: arrays of all kinds together.
+        count: number of arrays of all kinds together.
         seed: of the arrays.
     """
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -163,7 +163,7 @@ def _report_kinds(name: str, tallies: dict[str, Tally], took: float, memory_kb: 
 
 @BENCH.part("--count 40")
 def decisions(*, count: int = 2000, seed: int = 0) -> None:
-    """Slip models and policies with something wrong in them: refused, or no worse than the simplest rule.
+    """Load changed slip models and policies: each must be refused, or decide no worse than the simplest rule.
 
     The simplest rules are nominal landings and the hand-made controller.
 
@@ -204,13 +204,13 @@ distance = -1.0
 
 @BENCH.part()
 def live(*, count: int = 1_000_000, seed: int = 0, rate: float = 4000.0, laps: int = 4) -> None:
-    """Inputs to the processes of a hexapod that walks in lockstep; its run must have the hash of one without them.
+    """Send random inputs to a hexapod that walks in lockstep; its run must have the hash of a run without them.
 
     Args:
-        count: inputs.
+        count: number of inputs.
         seed: of the inputs.
         rate: inputs per s.
-        laps: of the walk, 1 m and back; what is sent after its end meets a run that has ended.
+        laps: number of laps of the walk, 1 m and back; inputs sent after its end meet a run that has ended.
     """
     walk = parse_scenario(WALK + laps * LAP, Path("walk.toml"))
     with tempfile.TemporaryDirectory() as name, Live(Path(name)) as system:

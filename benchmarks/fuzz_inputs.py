@@ -51,7 +51,7 @@ class Drawer:
         self._root, self._random = schema, random
 
     def value(self, schema: dict[str, Any] | None = None, depth: int = 0) -> Any:
-        """Return a value of a schema, now and then one at its limits."""
+        """Return a random value that fits a JSON Schema (None: the drawer's own), sometimes one at its limits."""
         schema, random = self._root if schema is None else schema, self._random
         if "$ref" in schema:
             return self.value(self._root["$defs"][schema["$ref"].rpartition("/")[2]], depth + 1)

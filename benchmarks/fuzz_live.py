@@ -1,4 +1,4 @@
-"""Damaged messages to a running system: a client of the network that puts and asks whatever the schemas do not allow.
+"""Damaged messages to a running system: a client that publishes and requests what the schemas do not allow.
 
 Run by `benchmarks.fuzz` as a program beside the system. In its own name it sends anything: values of the schemas, whole
 or damaged, under every key. In the name of a process of the system, read from its token of liveliness, it sends what no

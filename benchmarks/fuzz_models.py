@@ -87,7 +87,7 @@ class SlipJudge:
         self.nominal, self.best = self._slip(nominal=True), self._slip()
 
     def file(self, random: Random) -> bytes:
-        """Return a changed model file."""
+        """Return the content of the slip model file with one to four random changes."""
         content = self.content
         for _ in range(random.choice((1, 1, 2, 4))):
             content = changed(content, random)
@@ -158,7 +158,7 @@ class PolicyJudge:
                 self.held[name] = {member: file[member] for member in file.files}
 
     def file(self, name: str, random: Random) -> bytes:
-        """Return a changed policy file."""
+        """Return the content of the policy file of this name with one or two random changes."""
         held = dict(self.held[name])
         for _ in range(random.choice((1, 1, 2))):
             member = random.choice([*held])

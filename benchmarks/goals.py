@@ -65,8 +65,8 @@ def to_goal(arm: str, world: World, seed: int, record: Path | None = None) -> Li
     """Walk to the goal with one policy; return its line.
 
     Args:
-        arm: of `ARMS`.
-        world: hard = drift, the paper's camera, commands as control; easy = see `corridor`.
+        arm: name in `ARMS`: policy and action set.
+        world: hard = drift, the camera of Osswald et al., commands as control; easy = see `corridor`.
         seed: of everything random.
         record: folder for the recording, None = there is none.
     """
@@ -98,8 +98,9 @@ def policies(
     t-test; arcs at least 15 %; every goal reached with a true error of at most 0.2 m, no wall touched, no fall.
 
     Args:
-        world: hard: drift of 2 deg per 10 cm, the paper's camera, commands as control; easy: own camera and odometry.
-        arms: policies, by commas; the first is what the others are compared with.
+        world: hard: drift of 2 deg per 10 cm, camera as of Osswald et al., commands as control; easy: own camera and
+            odometry.
+        arms: policies, comma-separated; the first is what the others are compared with.
         record: folder for the recordings, for `surefoot fit` and `goals transfer`; default: none are kept.
     """
     names, more = words_of(arms), {} if record is None else {"record": str(record)}
@@ -152,13 +153,13 @@ def to(x: float, y: float) -> Step:
 
 
 def dark(easy: bool) -> Scenario:
-    """Return the corridor in which the camera sees nothing from 40 s on, of about 90."""
+    """Return the scenario of the corridor, about 90 s long, with a camera that sees nothing from 40 s on."""
     fault = FaultRequest(kind="camera_dark", duration=LONGEST_S)
     return corridor(to(5.0, 0.0), Step("fault", when="ready", after_s=40.0, request=fault), easy=easy)
 
 
 def moved_right() -> Scenario:
-    """Return the shipped displacement of 0.7 m, to the other side."""
+    """Return the scenario `nao-lost` with the robot put down 0.7 m away to its right, turned by 90 deg to the right."""
     scenario, place = named("nao-lost"), PlaceRequest(forward=0.3, left=-0.63, turn=-1.5708)
     steps = tuple(replace(step, request=place) if step.do == "place" else step for step in scenario.steps)
     return replace(scenario, steps=steps)
@@ -183,13 +184,13 @@ def journeys(
 ) -> None:
     """Journeys besides the straight corridor, with the shipped models and no truth in the loop.
 
-    `behind` has its goal behind the robot, `dark` loses the camera half way, so that odometry alone is left; in the
-    hard world there is none: there the goal counts for nothing, but the belief must grow with the error. Goals: within
-    0.2 m of the goal (0.25 m by odometry alone), NEES of the pose at most 2 per degree of freedom (4 for the mean of
-    one run), no fall.
+    `behind` has its goal behind the robot, `dark` loses the camera half way, so that odometry alone is left. The hard
+    world has no odometry: there reaching the goal does not count, but the covariance of the belief must grow with the
+    error. Goals: within 0.2 m of the goal (0.25 m by odometry alone), NEES of the pose at most 2 per degree of freedom
+    (4 for the mean of one run), no fall.
 
     Args:
-        journeys: names, by commas.
+        journeys: names of journeys, comma-separated.
     """
     names = words_of(journeys)
     jobs = [{"journey": name, "seed": seed} for seed in seeds_of(seeds) for name in names]

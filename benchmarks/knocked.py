@@ -23,7 +23,7 @@ def over(robot: str = "bioloid", /, *, forces: str = "30,35,40,45,50,60", seeds:
 
     Args:
         robot: bioloid or nao.
-        forces: N, level, for 0.2 s, by commas; the direction turns by 63 deg from seed to seed.
+        forces: level forces of the push of 0.2 s, N, comma-separated; its direction turns by 63 deg per seed.
         seeds: of the world.
     """
     rows: list[tuple[object, ...]] = []

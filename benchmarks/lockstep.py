@@ -1,4 +1,4 @@
-"""Demo over Zenoh beside the same services in one process."""
+"""Wall time of the demo walk with services as processes over Zenoh, compared with all services in one process."""
 
 import json
 import os
@@ -66,7 +66,7 @@ compared."""
 
 @BENCH.part()
 def rounds(rounds: int = 5, /) -> None:
-    """Rough-terrain demo over Zenoh beside the same services in one process, and where the time of a tick goes.
+    """Compare the rough-terrain demo over Zenoh with the same services in one process, and print the parts of a tick.
 
     All services of compose/ragno.yaml as processes on tcp loopback, seed 0, the machine otherwise idle. Each round runs
     every variant once; ratios compare neighbours of a round, for a machine's speed changes with its neighbours. Goals:
@@ -74,7 +74,7 @@ def rounds(rounds: int = 5, /) -> None:
     services in one process; recording costs at most 10 %.
 
     Args:
-        rounds: of all variants.
+        rounds: number of runs of each variant.
     """
     rtf: dict[str, list[float]] = {name: [] for name, _ in VARIANTS}
     hashes: dict[str, set[str]] = {"delay": set(), "strict": set()}

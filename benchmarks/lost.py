@@ -1,4 +1,4 @@
-"""Lost robots: how soon the navigator itself notices and recovers, wrong maps, false alarms, times of a look.
+"""Lost robots: time until the navigator notices and recovers, wrong maps, false alarms, processor time of a tick.
 
 The service `navigator` runs whole (localiser, tracker, pilot, maps), and its own `lost` of `state/pose` is measured.
 """
@@ -24,10 +24,10 @@ BENCH = Bench("lost")
 CHI2_95 = 7.815
 """95 % quantile of the chi-squared distribution with three degrees of freedom, for the NEES of a pose."""
 ENOUGH = 4
-"""Number of landmarks of another place that suffice to make an undisturbed robot lost: 8.6 nats, 1.4 to 2 each."""
+"""Number of detected landmarks of another place that make a robot count as lost: 8.6 nats of 1.4 to 2 each."""
 NEEDED = 8.6
-"""Log likelihood ratio, nats, at or above which an oracle decides that a robot was put down elsewhere: ln 9 beyond the
-rate of 1e-3 in 1.7 s."""
+"""Log likelihood ratio, nats, from which on an oracle decides that a robot was put down elsewhere: odds of 9 after a
+prior probability of 1e-3 per s over 1.7 s."""
 LONGEST_S = 20.0
 """Longest wait for a robot that was put down elsewhere to notice it, s."""
 
@@ -125,7 +125,7 @@ def oracles(lines: list[Line]) -> tuple[float, float]:
 
 
 def percent(these: NDArray[np.bool_]) -> float:
-    """Return the share of true ones among flags (n,), %."""
+    """Return the share of the flags `these`, (n,), that are True, %."""
     return 100.0 * float(these.mean())
 
 
@@ -139,7 +139,7 @@ def put(*, robots: int = 12, world: World, processes: int = 1) -> None:
     """Share of robots that the navigator counts as lost within 3 s after they were put down elsewhere.
 
     Args:
-        robots: of each case.
+        robots: number of robots of each case.
         world: conditions.
     """
     jobs = [
@@ -235,7 +235,7 @@ def turns(*, robots: int = 12, world: World, processes: int = 1) -> None:
     """Time until the navigator finds that its camera is turned, and what is left of the turn after 30 s.
 
     Args:
-        robots: of each turn.
+        robots: number of robots of each turn of the camera.
         world: conditions.
     """
     names = ("pitch", "roll", "aside")
@@ -260,7 +260,7 @@ def maps(*, robots: int = 12, world: World, processes: int = 1) -> None:
     """Time and distance until the navigator counts as lost with a map that does not fit the floor.
 
     Args:
-        robots: of each map.
+        robots: number of robots of each kind of map.
         world: conditions.
     """
     kinds = ("mirrored", "shuffled", "stretched")
@@ -279,7 +279,7 @@ def calm(*, minutes: float = 10.0, robots: int = 4, world: World, processes: int
     """Print how often robots that are not disturbed report themselves lost, and the NEES of their pose.
 
     Args:
-        minutes: of each.
+        minutes: simulated time of each robot, min.
         robots: number of robots.
         world: conditions.
     """
@@ -292,17 +292,17 @@ def calm(*, minutes: float = 10.0, robots: int = 4, world: World, processes: int
 
 
 def seconds(function: Callable[[], object], times: int) -> float:
-    """Return the median processor time of `times` calls, s, after one call that is not counted."""
+    """Return the median processor time per call, s, over `times` calls after one call that is not counted."""
     function()
     return median(seconds_of(function, time.process_time) for _ in range(times))
 
 
 @BENCH.part("--minutes 0.2")
 def looks(*, minutes: float = 10.0, world: World) -> None:
-    """Times of a tick of a lost robot that stands, at first and after a while: neither grows; of frames otherwise.
+    """Print the processor time of a tick: of a lost robot that stands, early and late, and of a frame of a walking one.
 
     Args:
-        minutes: for which it stands; a tenth of it is walked by a right map, ticks with made-up camera.
+        minutes: time for which the lost robot stands; the other one walks by a right map for a tenth of it.
         world: conditions.
     """
     robot = Robot(world.first, world, "shuffled")

@@ -80,7 +80,7 @@ class Walker:
         self._left, self._wait, self._closing, self._rate, self._stops = 0.0, 0.0, 0.0, (0.0, 0.0), False
 
     def take(self, number: int, command: Any) -> None:
-        """Start a command that was sent in the tick before."""
+        """Start a walk, turn or stop, order `number`, which the navigator sent in the previous tick."""
         if number == self.order or command is None:
             return
         self.order = number
@@ -189,7 +189,7 @@ class Robot:
         self.navigator.requests.goto(GotoRequest(position=(x, y)))
 
     def step(self, seconds: float) -> None:
-        """Simulate `seconds` s."""
+        """Simulate the robot, its camera and the navigator for `seconds` s of simulated time."""
         for _ in range(round(seconds / TICK)):
             order = self.stage.last.get(topics.NAVIGATOR_ORDER.key)
             if order is not None:
@@ -224,7 +224,7 @@ class Robot:
         return found
 
     def _echo(self) -> float | None:
-        """Return the distance of the corridor's nearest wall in the cone, m."""
+        """Return the ranger's distance of the nearest wall in its cone, with noise, m; None = farther than 2.55 m."""
         x, y, yaw = self.walker.pose.tolist()
         best = math.inf
         for angle in np.linspace(yaw - 0.52, yaw + 0.52, 13).tolist():
@@ -236,7 +236,7 @@ class Robot:
         return best if best < 2.55 else None
 
     def _frame(self) -> LandmarkDetections:
-        """Return what the camera recognises."""
+        """Return the landmarks that the simulated camera recognises in the present tick, with noise and false ones."""
         rng, (x, y, yaw) = self.rng, self.walker.pose.tolist()
         d = self.places - (x, y)
         r = np.hypot(d[:, 0], d[:, 1])
@@ -262,13 +262,13 @@ class Robot:
         return LandmarkDetections(landmarks=marks, stamp_ns=self.tick_number * 10_000_000)
 
     def _sds(self, r: Array) -> tuple[Array, float]:
-        """Return standard deviations of ranges, m, at the distances r, m, and of bearings, rad."""
+        """Return standard deviations of ranges, (n,) m, at the distances r, (n,) m, and of a bearing, rad."""
         still = 0.5 if self.walker.state == "standing" else 1.0
         hard = np.full(r.size, 0.138 * still), math.radians(9.2) * still
         return hard if self.hard else (0.03 * r, math.radians(1.5))
 
     def _weigh(self, seen: Array, shown: NDArray[np.int64], share: float) -> None:
-        """Record log densities of a frame at the true pose, at `before` and at `others`, by the model of the camera.
+        """Record log densities of a frame (`seen`: ranges, m, and bearings, rad) at the true and at other poses.
 
         Detections come as a Poisson process. A landmark in view at h is recognised at z with density N(z - h), by its
         own look or, in the share `FALSE`, by that of any; the common tilt of the frame is left out.
@@ -298,7 +298,11 @@ class Robot:
         self.others = np.array([between((x, y, yaw), (a, b, c)) for x, y, yaw in poses.tolist()])
 
     def _log_density(self, pose: Array, seen: Array, shown: NDArray[np.int64], share: float) -> float:
-        """Return the log density of a frame at a pose, nats; a full frame counts as at least so many."""
+        """Return the log density, nats, of the k detections of a frame at a pose x, y (m), yaw (rad), map, (3,).
+
+        A frame of the largest number of detections counts as at least that many. `seen`: ranges, m, and bearings, rad,
+        (k, 2); `shown`: landmark whose descriptor each has, (k,); `share`: of those in view that are recognised.
+        """
         d = self.places - pose[:2]
         r, b = np.hypot(d[:, 0], d[:, 1]), (np.arctan2(d[:, 1], d[:, 0]) - pose[2] + np.pi) % (2 * np.pi) - np.pi
         view, most = np.flatnonzero((r > NEAR) & (r < FAR) & (np.abs(b) < HALF)), 10 if self.hard else 20

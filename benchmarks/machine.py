@@ -1,4 +1,4 @@
-"""A system that is up beside a benchmark: command line, processes, memory, and the ticks as an observer gets them."""
+"""Running system that a benchmark measures: command line, processes, memory, and arrival of ticks at an observer."""
 
 import json
 import os
@@ -39,14 +39,14 @@ class Machine:
         return json.loads(self.surefoot("status", "--json").stdout)[self.system]
 
     def pids(self) -> dict[str, int]:
-        """Return the process of each service; the supervisor's own is `supervisor`."""
+        """Return the process id of each service by name; that of the supervisor is under `supervisor`."""
         found = {row["service"]: row["pid"] for row in self.status()["services"] if row["pid"]}
         keeper = RunFolder(self.system, self.folder / "surefoot").supervisor()
         assert keeper is not None
         return {**found, "supervisor": keeper.pid}
 
     def restart(self, name: str) -> float:
-        """Kill a service and wait until all are healthy again; return the time of the monotonic clock, s."""
+        """Kill a service, wait until all are healthy again, and return the time then, s of the monotonic clock."""
         pid = self.pids()[name]
         os.kill(pid, signal.SIGKILL)
         deadline = time.monotonic() + 60.0

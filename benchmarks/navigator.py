@@ -38,7 +38,7 @@ def _filter_steps(count: int, mean: Any, cov: Any, noise: Any, gain: Any, work: 
 
 @BENCH.part("")
 def filters() -> None:
-    """Step of the filter's kernel (predict and one landmark) beside filterpy's."""
+    """Print the time of a filter step (prediction and one landmark) by the kernel and by filterpy, and their ratio."""
     n, count = 4, 20_000
     mean, cov, noise, gain = np.zeros(n), np.eye(n) * 0.01, np.full(4, 1e-4), np.zeros((2, 0))
     ours = best_of(lambda: _filter_steps(count, mean, cov, noise, gain, work_space(n))) / count
@@ -65,7 +65,7 @@ def filters() -> None:
 
 @BENCH.part()
 def decisions() -> None:
-    """Belief steps with policies of different cost, and decisions alone at many beliefs."""
+    """Print the time of simulated steps with policies of different cost, and of single decisions at many beliefs."""
     model = load("paper")
     world = arrays(model)
     for name in ("tuned", "planner"):
@@ -93,7 +93,7 @@ def _decide_all(means: Any, cov: Any, policy: PolicyTables, model: ModelTables, 
 
 @BENCH.part()
 def tables() -> None:
-    """Value iteration of the planner's tables."""
+    """Print the wall time of the value iteration that computes each table of the planner, s."""
     for name, use in (("paper", "four"), ("paper", "arcs"), ("nao", "arcs")):
         world = arrays(load(name, [f"use={use!r}"]))
         goal(f"table of the planner, {name}, {use}", best_of(lambda world=world: plan(world), 2), "<=", 5.0, "s")
@@ -101,7 +101,7 @@ def tables() -> None:
 
 @BENCH.part()
 def training() -> None:
-    """1500 episodes of Sarsa, beside PPO of Stable-Baselines3 where it is installed; processor time, one thread."""
+    """Print the processor time of 1500 episodes of Sarsa, and of PPO of Stable-Baselines3 if installed, one thread."""
     model, steps = load("paper"), 0.0
 
     def one() -> None:
@@ -130,9 +130,9 @@ def training() -> None:
 
 @BENCH.part()
 def environments() -> None:
-    """Single and vector environment with random actions, episodes that end begun anew.
+    """Print the time of a step of the single and of the vector environment with random actions, us.
 
-    They are also compared by processor time, which a machine that does other work leaves as it is.
+    Ended episodes begin anew. Wall and processor time are printed; only the latter is independent of other load.
     """
     if importlib.util.find_spec("gymnasium") is None:
         print("gymnasium is not installed: no environments to time")
@@ -227,10 +227,10 @@ def trap() -> NDArray[np.int8]:
 
 @BENCH.part()
 def routes(*, times: int = 5) -> None:
-    """Routes over 2000 x 2000 cells, median processor time.
+    """Print the median processor time of route searches over maps of 2000 x 2000 cells.
 
     Args:
-        times: calls of each route.
+        times: number of searches for each route.
     """
     rows: list[tuple[object, ...]] = []
     for name, cells, start, end in (

@@ -48,7 +48,7 @@ def people(seed: int) -> tuple[Obstacle, ...]:
 
 
 def walls(seed: int) -> tuple[Obstacle, ...]:
-    """Return two pieces of wall that leave 1 to 1.4 m of the 2 m, on sides at random."""
+    """Return two pieces of wall, on random sides of the corridor of 2 m, that leave 1 to 1.4 m of its width free."""
     rng = np.random.default_rng((seed, 2))
     found: list[Obstacle] = []
     for x in (rng.uniform(1.0, 2.0), rng.uniform(3.0, 4.0)):
@@ -68,7 +68,7 @@ WORLDS: dict[str, Callable[[int], tuple[Obstacle, ...]]] = {"people": people, "w
 
 
 def right_end(kind: str, seed: int) -> str:
-    """Return how a goal must end: its error code, `succeeded` for none."""
+    """Return the required end of a goal: `blocked` if the door stays closed (odd seeds), else `succeeded`."""
     return "blocked" if kind == "door" and seed % 2 else "succeeded"
 
 
@@ -76,9 +76,9 @@ def hindered(arm: str, kind: str, seed: int) -> Line:
     """Walk the corridor with obstacles that no map shows; return its line, with the end of the goal in words.
 
     Args:
-        arm: of `benchmarks.goals.ARMS`.
-        kind: of `WORLDS`.
-        seed: of everything random, the obstacles too.
+        arm: name of policy and action set in `benchmarks.goals.ARMS`.
+        kind: kind of obstacles, a key of `WORLDS`.
+        seed: seed of everything random, the obstacles included.
     """
     ends: list[str] = []
 
@@ -109,8 +109,8 @@ def goals(
     every goal ends as it should, no obstacle is touched, no fall.
 
     Args:
-        kinds: of obstacles, by commas.
-        arms: policies, by commas; the first is what the others are compared with.
+        kinds: kinds of obstacles, comma-separated.
+        arms: policies, comma-separated; the first is what the others are compared with.
     """
     chosen, names = words_of(kinds), words_of(arms)
     jobs = [{"arm": arm, "kind": kind, "seed": seed} for kind in chosen for seed in seeds_of(seeds) for arm in names]

@@ -164,11 +164,11 @@ def walked(arm: str, seed: int) -> Line:
 def walks(
     *, seeds: str = "700:712", arms: str = ",".join(ARMS), results: Path | None = None, processes: int = 2
 ) -> None:
-    """Walks of 0.9 m over rough ground of 4 cm at friction 0.5, paired over seeds.
+    """Compare walks on the robot's own map and on given ones: 0.9 m of rough ground of 4 cm, paired over seeds.
 
     Args:
-        arms: by commas: own, and given maps: noise, exact; own:FAULT with a camera that fails after 8 s: frozen, dark
-            (no depth), zero, gappy (every other column), turned (4 deg), long (15 % too far).
+        arms: maps, comma-separated: own, and given maps: noise, exact; own:FAULT with a camera that fails after 8 s:
+            frozen, dark (no depth), zero, gappy (every other column), turned (4 deg), long (15 % too far).
     """
     names = words_of(arms)
     jobs = [{"arm": arm, "seed": seed} for seed in seeds_of(seeds) for arm in names]

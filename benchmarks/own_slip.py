@@ -38,7 +38,7 @@ LIFTED_TICKS = 5
 
 @dataclass(frozen=True, slots=True)
 class MeasuredStance:
-    """Slip of one stance, measured and true."""
+    """Slip of one stance of a foot: as the robot measured it, and by truth."""
 
     leg: int
     """Index of the leg in the robot description."""
@@ -47,7 +47,7 @@ class MeasuredStance:
     inside: float
     """True sliding between the first and the last sample with contact of the stance, m."""
     whole: float
-    """True sliding since the end of the stance before, m, with that of a foot too light to close its switch."""
+    """True sliding since the end of the foot's previous stance, m, including that while its switch is open."""
     begin: tuple[float, float, float]
     """Foot centre at the beginning of the stance, frame `odom`, (3,) m."""
     healthy: bool

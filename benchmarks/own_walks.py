@@ -37,7 +37,7 @@ def placed(robot: str) -> Iterator[str]:
 
 
 def ground(robot: str) -> Setting:
-    """Return the conditions of all walks: rough ground of 4 cm, friction 0.5, a map with noise."""
+    """Return the conditions of every walk of the study: 0.9 m of rough ground of 4 cm, friction 0.5, a noisy map."""
     return Setting("rough", 0.9, 0.04, 0.5, robot=robot, profile="noise")
 
 

@@ -41,7 +41,7 @@ Call = Callable[[ContactSet], Any]
 
 
 class Hpp:
-    """Rays by hpp-centroidal-dynamics; `reason` is why it is absent."""
+    """Rays of a support region by hpp-centroidal-dynamics; `reason`: why it cannot be used, empty = it can."""
 
     def __init__(self) -> None:
         self.reason, self._library = "", None

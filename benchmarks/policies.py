@@ -1,7 +1,7 @@
-"""Controllers in the world of the paper's robot: time to the goal, success, fresh trainings.
+"""Controllers in the simulated world of Osswald et al.: time to the goal, success, fresh trainings.
 
-Episodes served no choice and are paired, with 95 % intervals: parameters were chosen on stream 1 (episodes 0 to 6000),
-trainings on streams of their own; these are of stream 0, episodes 20000 on.
+Controllers are compared on equal episodes, with 95 % intervals. Episodes are of random stream 0, from 20000 on; no
+parameter was chosen by them: these were on stream 1 (episodes 0 to 6000), trainings on streams of their own.
 """
 
 import json
@@ -47,7 +47,7 @@ class Study:
     _compared: list[tuple[object, ...]] = field(default_factory=list[tuple[object, ...]])
 
     def times(self, params: str, policy: str, sets: tuple[str, ...] = (), seeds: Seeds | None = None) -> Any:
-        """Run one policy, print its line, and return its results."""
+        """Run the episodes of one policy, add its row to the tables, and return its results."""
         model = load(params, sets)
         world = arrays(model)
         if policy == "steer-costly":
@@ -79,7 +79,7 @@ class Study:
         self.lines.append({"compared": what, "most_percent": most, **p})
 
     def show(self, title: str) -> None:
-        """Print the tables of what was run since the last call."""
+        """Print the tables of policies and of comparisons added since the last call, and clear them."""
         header = ("policy", "s", "from", "to", "sd", "median", "p95", "success", "at least", "stands", "NEES", "from",
                   "to", "in 95 %")  # fmt: skip
         table(f"\n{title}", header, self._rows)
@@ -113,13 +113,13 @@ class Study:
         self.show(f"{params}, arcs")
 
     def costly(self) -> None:
-        """Compare the policies with switching costs, and with arcs that see little."""
+        """Compare the policies where switching of actions takes time, and where the camera sees little on arcs."""
         steer, _ = self.times("paper-arcs", "steer-costly"), self.times("paper-arcs", "limit")
         self.compare("planner against steering hand", self.times("paper-arcs", "planner"), steer, -2.0)
         self.show("paper-arcs: blurred, switching costs, arcs that see little")
 
     def drift(self, drifts: tuple[int, ...] = DRIFTS) -> None:
-        """Compare at other drifts than the filter expects, deg per 10 cm."""
+        """Compare the controllers at heading drifts, deg per 10 cm, other than the filter expects."""
         for params in ("paper", "paper-blur"):
             for drift in drifts:
                 sets = (f"drift.per_10cm_deg={drift}",)
@@ -150,16 +150,16 @@ class Study:
 def controllers(
     episodes: str = "20000:24000", /, *, json_: Path | None = None, success: int = 10_000, drifts: str = ""
 ) -> None:
-    """Time to the goal of all controllers in the paper's world.
+    """Print the time to the goal of all controllers in the simulated world of Osswald et al.
 
-    `limit` is the planner with true pose and drift. The tuned hand controllers have the planner's filter; the paper's
-    baseline has three states.
+    `limit` is the planner with true pose and drift. The tuned hand controllers have the planner's filter; the baseline
+    of Osswald et al. has three states.
 
     Args:
         episodes: first:end.
         json_: file for all numbers as well.
         success: episodes of the success rate.
-        drifts: deg per 10 cm, by commas: only the comparison at these drifts.
+        drifts: heading drifts, deg per 10 cm, comma-separated: only the comparison at these drifts.
     """
     chosen = seeds_of(episodes)
     study = Study(Seeds(chosen.start, chosen.stop))
@@ -189,7 +189,7 @@ def courses(episodes_: str = "40000:41000", /, *, drifts: str = "0,2,4,7", actio
 
     Args:
         episodes_: first:end.
-        drifts: deg per 10 cm, by commas.
+        drifts: heading drifts, deg per 10 cm, comma-separated.
         actions: four, or arcs (against the steering controller).
     """
     span, other = seeds_of(episodes_), "tuned" if actions == "four" else "steer"
@@ -230,7 +230,7 @@ def baseline(name: str, evaluation: Seeds) -> tuple[float, Any]:
 
 
 def trained(model: str, seed: int, evaluation: Seeds) -> Line:
-    """Train once; return how the result does beside the baseline."""
+    """Train Sarsa once with a seed; return time, success and paired difference from the baseline, %."""
     chosen, (_, other) = load(model), baseline(model, evaluation)
     training = Training(chosen, seed)
     training.advance(training.schedule.episodes)
@@ -244,7 +244,7 @@ def trained(model: str, seed: int, evaluation: Seeds) -> Line:
 
 @BENCH.part("2000:2001 --evaluation 20000:20010")
 def trainings(seeds: str = "2000:2020", /, *, evaluation: str = "20000:21000", results: Path | None = None) -> None:
-    """Fresh trainings of Sarsa(lambda) as in the paper, normal and blurred, against its 35 deg controller.
+    """Train Sarsa(lambda) anew as Osswald et al. did, normal and blurred, and compare with their 35 deg controller.
 
     Goals: at least 19 of 20 at 100 % success and 7 % faster in the mean, normal; 5 % blurred. Both controllers have the
     four-state filter; the hand controller's entropy threshold is the best of six for its vision, on other episodes.

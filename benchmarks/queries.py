@@ -1,4 +1,4 @@
-"""Stability service over Zenoh: queries beside raw ones, load by eight clients, the time of a start."""
+"""Stability service over Zenoh: latency compared with raw Zenoh queries, load by eight clients, start-up time."""
 
 import json
 import multiprocessing
@@ -116,7 +116,7 @@ def serve_raw(router: str, ready: Any, stop: Any, sizes: dict[str, bytes]) -> No
 
 
 def client(router: str, number: int, count: int, go: Any, out: Any) -> None:
-    """Request, compare every reply, and report wrong and lost ones: one of the clients of the load."""
+    """Run one client of the load: send queries, compare every reply, and report the wrong and lost ones."""
     bus = ZenohBus(ZenohOptions("peer", (router,), (), NAMESPACE))
     asked = requests()
     expected = [json.loads(a) for a in answers(asked)]
@@ -163,7 +163,7 @@ def start(router: str) -> tuple[subprocess.Popen[bytes], float, float]:
 
 
 def pairs(router: str, count: int, asked: Asked) -> None:
-    """Print p50 and p99 of single queries in turn: raw, ours, typed by the first answer and by the owner's."""
+    """Print p50 and p99 of a query: raw Zenoh, ours, and typed, ended by the first or by the owner's answer."""
     bus = ZenohBus(ZenohOptions("peer", (router,), (), NAMESPACE))
     rows: list[tuple[object, ...]] = []
     for kind in range(KINDS):
@@ -196,7 +196,7 @@ def pairs(router: str, count: int, asked: Asked) -> None:
 
 
 def load(router: str, queries: int) -> None:
-    """Print wrong and lost answers of eight clients at once."""
+    """Send queries from eight clients at once; print the numbers of wrong and lost answers, and the rate."""
     context = multiprocessing.get_context("spawn")
     go, out = context.Event(), context.Queue()
     each = -(-queries // CLIENTS)
@@ -221,7 +221,7 @@ def load(router: str, queries: int) -> None:
 
 @contextmanager
 def raw_server(router: str, asked: Asked) -> Iterator[None]:
-    """Run the process that answers raw queries."""
+    """Run, inside the context, the process that answers raw queries with bytes of real replies."""
     replies, context = answers(asked[:KINDS]), multiprocessing.get_context("spawn")
     sizes = {query.key.rsplit("/", 1)[1]: reply for (query, _), reply in zip(asked[:KINDS], replies, strict=True)}
     ready, stop = context.Event(), context.Event()
@@ -237,7 +237,7 @@ def raw_server(router: str, asked: Asked) -> Iterator[None]:
 
 @BENCH.part("--queries 16 --singles 5 --starts 1")
 def stability(*, queries: int = 5000, singles: int = 1500, starts: int = 5) -> None:
-    """Stability queries beside raw Zenoh ones, load by eight clients, and the time of a start.
+    """Print latency of stability queries beside raw Zenoh ones, wrong answers under load, and start-up time.
 
     Service, raw queryable and clients are processes of their own on loopback, joined by a router. A raw query carries
     the same request and reply bytes and computes nothing. Goals: p50 at most 2.5 and p99 at most 5 of a raw query,
@@ -245,9 +245,9 @@ def stability(*, queries: int = 5000, singles: int = 1500, starts: int = 5) -> N
     in less than 1.2 s when warm.
 
     Args:
-        queries: of all clients together.
+        queries: number of queries of all clients together.
         singles: single queries of each kind.
-        starts: of the service.
+        starts: number of starts of the service.
     """
     router, asked = free_address(), requests()
     process, took, bare = None, list[float](), 0.0

@@ -42,7 +42,7 @@ SCALES = {"%": 100.0, "mm": 1e3, "cm": 1e2, "mm/s": 1e3, "cm/s": 1e2, "ms": 1e3,
 """Factor from the SI unit to each unit in which pages state figures; a command may print either."""
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d{1,2}(?!\d))?(?![\w]*/)")
 MADE = "--results F"
-"""Option by which a command writes a results file for itself, so that the report supplies a file name."""
+"""Option in a stated command that names its results file; the report replaces `F` by a file of its own."""
 LONGEST_S = 1e6
 """Time limit of a command for which none is given, s."""
 UNIT = re.compile(r" ?(%|mm/s|cm/s|mm|cm|ms|us|ns|mrad)(?![\w])")
@@ -69,7 +69,7 @@ class Stated(NamedTuple):
 
 
 def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]:
-    """Yield the rows of the tables of pages that have a command."""
+    """Yield those rows of tables on pages of the documentation for which a command is stated."""
     for page in pages:
         header: list[str] = []
         given = above = ""
@@ -186,12 +186,12 @@ class Outputs:
     """Outputs of commands, kept as lines of a results file if one is given; a command in the file is not run again."""
 
     def __init__(self, results: Path | None, limit_s: float = math.inf, folder: Path | None = None) -> None:
-        """Continue with a file.
+        """Read the outputs that a results file already holds.
 
         Args:
             results: of lines with command, output, or the limit that it took longer than, s; None = nothing is kept.
-            limit_s: leave a command that takes longer, s.
-            folder: of the files that commands make.
+            limit_s: time after which a command is ended and left out, s.
+            folder: folder of the files that commands write; None = a command names its file itself.
         """
         self.results, self.limit_s, self.folder = results, limit_s, folder
         self.done = {line["command"]: line for line in finished(results)}
@@ -218,16 +218,15 @@ class Outputs:
 def report(
     *, check: bool = False, only: str = "", every: bool = False, limit: float = LONGEST_S, results: Path | None = None
 ) -> None:
-    """Compare the figures of the pages with what their commands print, the short ones by default; exit code 1: some
-    differ. Without --check list the commands.
+    """Compare the figures on pages of the documentation with what their commands print now; exit code 1: some differ.
 
-    Times depend on the machine: their numbers are shown, not compared.
+    Without --check the commands are only listed. Times depend on the machine: they are shown, not compared.
 
     Args:
         check: run the commands.
-        only: those that contain this text.
-        every: long ones too, which takes hours.
-        limit: leave a command that takes longer, s.
+        only: text that the commands contain; empty = all.
+        every: run long commands too, which takes hours.
+        limit: time after which a command is ended and left out, s.
         results: file to continue with, one line a command with its output; the pages as they are now are compared with
             what it holds, and only other commands are run.
     """
@@ -256,7 +255,7 @@ def report(
 
 
 def _compared(command: str, rows: Sequence[Figure], output: str) -> tuple[str, int]:
-    """Print the rows with numbers that an output lacks; return the summary, and how many rows differ but by times."""
+    """Print the rows whose numbers an output lacks; return a summary and their count, 0 for a command of times."""
     off = [(row, gone) for row in rows if (gone := missing(row.text, output))]
     for row, gone in off:
         print(f"  {row.page}: {row.what}: {row.text}\n    not printed: {', '.join(gone)}", flush=True)

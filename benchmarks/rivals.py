@@ -18,7 +18,7 @@ class _NoWeight(AnywhereModel):
 
     @property
     def distance_weight(self) -> float:
-        """Weight k of Q = P + k K4, 1/m: 0, a walk states its own."""
+        """Weight k, 1/m, of the distance K4 in the cost Q = P + k K4, P the slip: 0, as each walk states its own."""
         return 0.0
 
 
@@ -32,7 +32,7 @@ class MinK2(_NoWeight):
         return "min-k2"
 
     def predict(self, features: Features, cell: float) -> Layer:
-        """Return the mean roughness of each cell, at most 1, (ny, nx)."""
+        """Return the mean slope K2 / (8 cell) of each cell in place of its slip, at most 1, no unit, (ny, nx)."""
         return np.minimum(features.k2 / np.float32(8.0 * cell), np.float32(1.0))
 
 

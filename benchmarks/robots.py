@@ -69,7 +69,7 @@ PERTURBED = 1.0
 
 @BENCH.part()
 def imports(*robots: str) -> None:
-    """Import of public robots: largest differences from MuJoCo and pinocchio at 20 random postures.
+    """Import public robots: print the largest differences from MuJoCo and pinocchio at 20 random postures.
 
     Args:
         robots: PACKAGE/ROBOT; default: 18 of three packages.
@@ -124,7 +124,7 @@ def first_walks(*robots: str) -> None:
 
 @BENCH.part("lupo")
 def exports(*robots: str) -> None:
-    """Robots of ours as MJCF, imported again: largest differences at 20 random postures.
+    """Export this project's robots to MJCF and import them again: print the largest differences at 20 postures.
 
     Args:
         robots: names; default: all.
@@ -141,7 +141,7 @@ def exports(*robots: str) -> None:
 
 @BENCH.part()
 def kinematics(robot: str = f"{GYM}/go2", /) -> None:
-    """Feet and Jacobians of a robot beside pinocchio's, one posture a call from Python.
+    """Print the time of foot positions and Jacobians of one posture, called from Python, beside that of pinocchio.
 
     Args:
         robot: PACKAGE/ROBOT.
@@ -218,14 +218,14 @@ def trot(
     robot: str = f"{GYM}/go2", /, *, seeds: str = "0:10", seconds: float = 20.0, results: Path | None = None,
     processes: int | None = None,
 ) -> None:  # fmt: skip
-    """Trot that somebody else commands (`examples/trot`): what estimator and stability publish beside it.
+    """Simulate trots by an outside controller (`examples/trot`): print errors of the estimator and stability services.
 
     Goals: velocity 5 cm/s rms, heading at least as good as by the gyro alone, NEES per degree of freedom 0.5 to 2, no
     false fall.
 
     Args:
         robot: PACKAGE/ROBOT or the name of one of ours.
-        seconds: of each trot.
+        seconds: duration of each trot, s.
     """
     jobs = [
         {"robot": robot, "gait": gait, "seed": seed, "seconds": seconds} for gait in GAITS for seed in seeds_of(seeds)

@@ -1,4 +1,4 @@
-"""Systems with certificates beside the same without: round trip of a state, speed of the demo."""
+"""Cost of encrypted connections with certificates: round trip of a joint state, speed of the demo."""
 
 import multiprocessing
 import os
@@ -42,7 +42,7 @@ def certificates(namespace: str) -> Iterator[None]:
 
 
 def echo(router: str, ready: Any, stop: Any) -> None:
-    """Return every state in a frame of the walker, in a process of its own."""
+    """Send every received joint state back in a frame of the walker; runs in a process of its own."""
     bus = ZenohBus(ZenohOptions("peer", (router,), (), NAMESPACE, "walker"))
     work: SimpleQueue[Any] = SimpleQueue()
     pong = bus.publisher(PONG)
@@ -108,7 +108,7 @@ def round_trips(*, blocks: int = 30) -> None:
     """Round trips of an 18-joint state in frames, peer to peer on loopback, with certificates and without, interleaved.
 
     Args:
-        blocks: of 100 round trips each way.
+        blocks: number of blocks of 100 round trips each way.
     """
     with certificates(NAMESPACE):
         pairs = {"plain": Pair(free_address()), "secure": Pair(secured(free_address()))}

@@ -196,7 +196,7 @@ class TimedSimulator(Simulator):
     spent = 0.0
 
     def on_stop(self) -> None:
-        """Write s of CPU and ticks."""
+        """Write the processor time of the physics, s, and the number of ticks to the file of the benchmark."""
         Path(os.environ["SUREFOOT_BENCH_FILE"]).write_text(json.dumps([self.spent, self.world.tick]))
 
 

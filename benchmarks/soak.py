@@ -1,6 +1,6 @@
 """A system under load: busy processes, emergency stops, faults, restarts, floods, readers that never read.
 
-Every figure beside another is a ratio of neighbours: the machine may be busy with other work.
+Ratios are of measurements made directly one after the other, because the machine may be busy with other work.
 """
 
 import json
@@ -67,20 +67,20 @@ def _set_nice(pid: int, nice: int) -> None:
 
 @contextmanager
 def system(*words: str) -> Iterator[Machine]:
-    """Start the hexapod's system in a folder of its own."""
+    """Start the hexapod's system in a temporary folder, yield a handle of it, and take it down at the end."""
     with tempfile.TemporaryDirectory() as folder, up(Path(folder), *words) as machine:
         yield machine
 
 
 @BENCH.part("--seconds 3 --rtf 0")
 def restarts(*, rtf: str = "1,0", seconds: float = 1800.0, nice: int = 0, processes: int = 24) -> None:
-    """Restarts and pace of `surefoot up ragno` beside processes that compute.
+    """Print restarts and speed of `surefoot up ragno` while other processes compute.
 
     Args:
-        rtf: real-time factors, by commas; 0 = as fast as it goes.
-        seconds: of each.
+        rtf: real-time factors, comma-separated; 0 = as fast as it goes.
+        seconds: wall time at each factor, s.
         nice: value of everything, system and busy processes, once the system is up: harder for both, kinder to others.
-        processes: that compute.
+        processes: number of processes that compute.
     """
     rows: list[tuple[object, ...]] = []
     for pace in rtf.split(","):
@@ -144,7 +144,7 @@ def stops(*, count: int = 100) -> None:
 
 @BENCH.part("--count 1")
 def commands(*, count: int = 7) -> None:
-    """Processor time of the commands that look at a system.
+    """Print the processor time of the commands that only observe a system, such as `surefoot status`.
 
     Args:
         count: runs of each.
@@ -211,7 +211,7 @@ def faults(*, count: int = 5) -> None:
 
 @BENCH.part()
 def peers(*, count: int = 100, seconds: float = 1800.0) -> None:
-    """Growth of processes while others are killed and started again.
+    """Print the growth of processes in memory and descriptors while other processes are killed and restarted.
 
     Half of the services are killed in turn, then the other half; memory and descriptors are of those that live on.
 
@@ -254,7 +254,7 @@ def hours(
         every: time between two kills, s.
         settle: time before the first sample that counts, s.
         rtf: real-time factor; 0 = as fast as it goes.
-        kill: services by commas; the other processes live on and are measured.
+        kill: services, comma-separated; the other processes live on and are measured.
     """
     names = kill.split(",")
     with system("--rtf", str(rtf)) as machine:
@@ -292,7 +292,7 @@ def hours(
 
 
 def _slope(x: NDArray[np.float64], y: NDArray[np.float64], blocks: int = 10) -> tuple[float, float]:
-    """Return the slope of a least-squares line and twice its standard error, from the means of blocks of residuals."""
+    """Return the least-squares slope of y over x, (n,) each, and twice its standard error by blocks of residuals."""
     centred = x - x.mean()
     slope = float(np.sum(centred * y) / np.sum(centred * centred))
     parts = np.array_split(centred * (y - y.mean() - slope * centred), blocks)
@@ -355,7 +355,7 @@ def terminated(*, count: int = 200, seed: int = 0) -> None:
 
 
 def _is_gone(group: int) -> bool:
-    """Return whether no process of a group is left within 2 s; programs that a library runs end by themselves."""
+    """Return True if no process of a group is left within 2 s; programs that a library runs end by themselves."""
     with suppress(ProcessLookupError):
         for _ in range(100):
             os.killpg(group, 0)

@@ -78,7 +78,7 @@ def costs(s: ContactSet) -> list[float]:
 
 @BENCH.part("--repeats 1")
 def speed(*, repeats: int = 60) -> None:
-    """Median over random stances of the best time, and the ratio to clarabel in the same run.
+    """Print times of the stability functions, medians over random stances, and their ratio to clarabel's.
 
     Args:
         repeats: stances of each row.
@@ -160,7 +160,7 @@ def least_cut(border: Array, corners: int) -> float:
 
 @BENCH.part("--count 200")
 def together(*, count: int = 10_000) -> None:
-    """Status and margin of many sets, one by one, in one call, and on all cores.
+    """Print the time of status and margin of many contact sets: one by one, in one call, and on all cores.
 
     Args:
         count: sets.

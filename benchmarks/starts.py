@@ -1,4 +1,4 @@
-"""Starts of the whole system: in random order, one hash, and cold kernels."""
+"""Starts of the whole system: services in random order, equal run hashes, and start without compiled kernels."""
 
 import os
 import random
@@ -95,10 +95,10 @@ def shuffled_starts(starts: int = 100, /) -> None:
 
 @BENCH.part()
 def hashes(runs: int = 5, /) -> None:
-    """Demo several times with processes newly started in another order: one hash; and another seed, another hash.
+    """Run the demo several times, its processes started in random order: all hashes must be equal for a seed.
 
     Args:
-        runs: of the demo.
+        runs: number of runs of the demo.
     """
     scenario = load_scenario(find_scenario(SCENARIO))
     found: list[str] = []
@@ -128,8 +128,8 @@ def warm(*, against: str = "", rounds: int = 1) -> None:
     """Processor time of a cold `surefoot warm`, beside that of other checkouts, in turn, with empty caches.
 
     Args:
-        against: other checkouts, by commas, each set up with a .venv of its own.
-        rounds: of all.
+        against: folders of other checkouts, comma-separated, each set up with a .venv of its own.
+        rounds: number of measurements of each checkout.
     """
     cases = [(Path(name).resolve(), ()) for name in words_of(against)] + [(HERE, ()), (HERE, ("--all",))]
     took: dict[tuple[Path, tuple[str, ...]], list[tuple[float, float]]] = {case: [] for case in cases}
@@ -154,10 +154,10 @@ def installed(folder: Path) -> Path:
 
 @BENCH.part()
 def first_calls(runs: int = 5, /) -> None:
-    """Processor time of first calls from an installed wheel that carries its kernels, each with empty caches.
+    """Print the processor time of first calls from an installed wheel with compiled kernels, caches empty each time.
 
     Args:
-        runs: of each call.
+        runs: number of runs of each call.
     """
     with tempfile.TemporaryDirectory() as name:
         folder, took = Path(name), dict[str, list[float]]()

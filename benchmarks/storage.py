@@ -81,7 +81,7 @@ class Case:
 
 
 def drawn(seed: int) -> Case:
-    """Return the case of a seed; kinds take turns."""
+    """Return the storage fault of a seed: its kind by the seed in turn, its tick and amount at random."""
     draw, kind = Random(seed), KINDS[seed % len(KINDS)]
     amount = {"full": 10 ** draw.uniform(2.0, 5.5), "clock_back": 10 ** draw.uniform(0.0, 7.5)}.get(kind, draw.random())
     return Case(seed, kind, draw.randrange(10, 300), amount)
@@ -99,7 +99,7 @@ def at_tick(system: LocalSystem, tick: int, act: Callable[[], None]) -> None:
 
 
 def two_models() -> tuple[LearnedModel, LearnedModel]:
-    """Return the model that is there before a case, and the one that is written in it."""
+    """Return the slip model in the file before a case, and the one that is written to it during the case."""
     path = shipped("ragno")
     assert path is not None
     old = load(path)
@@ -251,7 +251,7 @@ def reference() -> tuple[Scenario, str, tuple[LearnedModel, LearnedModel]]:
 
 
 def try_case(case: Case, scenario: Scenario, expected: str, models: tuple[LearnedModel, LearnedModel]) -> None:
-    """Run a case in a folder of its own, and note what is wrong."""
+    """Run a case of a storage fault in a folder of its own, and store in it what is wrong afterwards."""
     folder = Path(tempfile.mkdtemp(prefix="storage-"))
     try:
         here = replace(scenario, config={"walker": {"memory": str(folder / "walker.json")}})

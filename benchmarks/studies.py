@@ -59,7 +59,7 @@ def failures(line: Line) -> None:
 def scenarios(
     scenario: str = "", seeds: str = "100", /, *, results: Path | None = None, processes: int | None = None
 ) -> None:
-    """Walking scenarios: rate of good verdicts, median and extremes of each metric.
+    """Run walking scenarios over many seeds: print the share of passed runs, median and extremes of each metric.
 
     Goals: rough-terrain 95 of 100 reach the end without a fall; flat 100 of 100 with contact sliding of at most 0.5 mm
     per stance in the mean (gate 0.5 N). Hills of 8.7 cm are reported without a goal.
@@ -102,7 +102,7 @@ no_fall = true
 
 
 def spoilt(what: str, seed: int) -> Line:
-    """Run the toys, or a short walk of a robot, under the faults of a seed; return the violations and counts."""
+    """Run toy services, or a short walk of a robot, under the faults of a seed; return the violations and counts."""
     began = time.process_time()
     if what == "toys":
         line = _toys(seed)
@@ -131,7 +131,7 @@ def _bad(line: Line) -> None:
 
 @BENCH.part("toys 0:4")
 def chaos(*what: str, results: Path | None = None, processes: int = 1) -> None:
-    """Faults from 2,000 seeds: toys and short walks of three robots.
+    """Inject faults from 2,000 seeds into toy services and into short walks of three robots; print the violations.
 
     Even seeds run in lockstep, where time waits for whoever is missing; odd ones in paced time, where it continues. The
     toys run in lockstep: with even seeds only messages are spoilt and the run must be that without faults to the bit,
@@ -162,7 +162,10 @@ def chaos(*what: str, results: Path | None = None, processes: int = 1) -> None:
 
 
 def _marked(name: str, lines: list[Line]) -> tuple[object, ...]:
-    """Return a row of the table: recoveries taken over the seeds, and how many were new in each thousand of them."""
+    """Return a row of the table of recoveries: number of kinds taken, new kinds per thousand seeds, kinds never taken.
+
+    `name`: of the system, first in the row; `lines`: results of its seeds, one each.
+    """
     seen, new = set[str](), list[int]()
     for first in range(0, len(lines), MARKED):
         before = len(seen)
@@ -174,7 +177,7 @@ def _marked(name: str, lines: list[Line]) -> tuple[object, ...]:
 
 @BENCH.part("--seeds 0:2")
 def planted(*, seeds: str = "0:300") -> None:
-    """Faults planted into the protocol: the first seed of the toys that finds each, and the events it needs.
+    """Plant faults into the protocol: print the first seed of the toy services that finds each, and its events.
 
     Goals: all 20 found; median of at most five events; the shrunk failure replayed to the bit.
     """

@@ -52,7 +52,7 @@ def simulator(folder: Path, endpoint: str, namespace: str) -> subprocess.Popen[b
 
 
 def wait_for(place: str, folder: Path) -> None:
-    """Wait until a simulator answers a trial."""
+    """Wait until the simulator at endpoint `place` answers a first trial, at most `START_S` s."""
     until = time.monotonic() + START_S
     while True:
         try:
@@ -89,7 +89,7 @@ def primitives(*, trials: int = 60) -> None:
     ratio of trials per second needs two idle cores: the load of the machine is printed with it.
 
     Args:
-        trials: of the campaign.
+        trials: number of trials of the campaign.
     """
     chosen, endpoint = (paper_trials() + paper_trials(noise=0.003, seeds=(1, 2, 3)))[:trials], free_address()
     with ExitStack() as stack:
@@ -124,7 +124,7 @@ def primitives(*, trials: int = 60) -> None:
 
 RANDOM = "random-"
 BRANCHES = 1000
-"""Factor that makes step numbers of samples unique: the number of the request times this plus that of the arm."""
+"""Factor that makes step numbers of samples unique: the request's number times this factor plus the arm's index."""
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,12 @@ class Branching:
     """Conditions of steps from one state.
 
     Attributes:
-        rules: selectors, by commas; see `foothold_walks.rule_of`.
+        rules: selectors, comma-separated; see `foothold_walks.rule_of`.
         draws: random footholds from each state.
         every: a state at every n-th step; odd: both tripods.
         legs: one or all that land together.
         model: a model file, or shipped.
-        robot: name.
+        robot: name of the robot.
     """
 
     rules: str = "nominal,hand,learned"
@@ -237,14 +237,14 @@ def pairs(
     *, grounds: str = "rough,mixed-0.4,elevation", seeds: str = "300:304", how: Branching, processes: int = 1,
     results: Path | None = None, samples: Path | None = None, show: bool = False,
 ) -> None:  # fmt: skip
-    """Footholds compared from one state: the share that each selector gains of what could be gained.
+    """Compare footholds from one state: print each selector's share of the largest possible reduction of sliding.
 
     From every third step of a walk with nominal footholds, each selector and some random footholds take the same step
     (`benchmarks.branches`). Printed is (random - chosen) / (random - best tried) of the sliding in the next
     stance, by the mean and by the mean without 5 % at each end, with 95 % intervals of 4000 resamplings of the walks.
 
     Args:
-        grounds: by commas, see `foothold_walks.GROUNDS`.
+        grounds: names of grounds, comma-separated, see `foothold_walks.GROUNDS`.
         how: conditions.
         samples: file that the stances are appended to, to learn from.
         show: walk nothing, print what the results file holds.
@@ -258,7 +258,7 @@ def pairs(
 
 
 def branched(ground: str, seed: int, legs: str, how: Branching, samples: str | None) -> Line:
-    """Run one walk; return its states, and append its samples to a file."""
+    """Walk once with branches at its steps; return the compared states, and append the stances to a file of samples."""
     states, found = pairs_of(ground, seed, replace(how, legs=legs))
     if samples is not None and found:
         append(Path(samples), found[0].trial, found)

@@ -1,4 +1,4 @@
-"""Robots that trot by `examples/trot`, whom our services watch: recorded in one process, scored against the truth."""
+"""Trots by the controller `examples/trot`, observed by this project's services: recorded, scored against truth."""
 
 import runpy
 from pathlib import Path
@@ -102,6 +102,6 @@ def measured(robot: str, recording: Path) -> Watched:
 
 
 def _turned(log: Any, yaw: Any) -> float:
-    """Return the rms error of the change of heading over the scored rows, deg."""
+    """Return the rms error of the heading `yaw`, relative to the first scored row of a log, deg."""
     error = np.degrees(yaw - base_pose(log)[1])[log.scored]
     return float(np.sqrt(np.mean((error - error[0]) ** 2)))

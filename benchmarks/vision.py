@@ -48,8 +48,8 @@ def speed(*, texture: str = "parquet", images: int = 40) -> None:
     """Processor time of an image with eight parts of the exposure, and of its landmarks, by ORB and SIFT.
 
     Args:
-        texture: of the floor.
-        images: number of them.
+        texture: name of the floor's texture.
+        images: number of images.
     """
     camera = still_camera(floor(texture, 0))
     rows: list[tuple[object, ...]] = []
@@ -75,10 +75,10 @@ def blur(
     """Share of the landmarks in view that are recognised, against speed and exposure, maps from sharp images.
 
     Args:
-        textures: by commas.
-        exposures: ms, by commas.
+        textures: names of floor textures, comma-separated.
+        exposures: exposure times, ms, comma-separated.
         trials: images of each speed.
-        features: orb or sift.
+        features: kind of image features, orb or sift.
     """
     for name in words_of(textures):
         texture = floor(name, 0)
@@ -112,8 +112,8 @@ def walk(*recordings: str, textures: str = TEXTURES, exposures: str = "33,66,100
 
     Args:
         recordings: MCAP files of the Nao.
-        textures: by commas.
-        exposures: ms, by commas.
+        textures: names of floor textures, comma-separated.
+        exposures: exposure times, ms, comma-separated.
         seconds: of each recording, from its begin.
     """
     walks = [read_motion(Path(path), seconds) for path in recordings]
@@ -148,10 +148,10 @@ def pose(
 
     Args:
         recordings: MCAP files of the Nao.
-        textures: by commas.
+        textures: names of floor textures, comma-separated.
         runs: floors of each texture and recording; their seeds begin at 100.
         params: model of the navigator.
-        exposure: ms.
+        exposure: exposure time, ms.
         seconds: of each recording, from its begin.
     """
     rows: list[tuple[object, ...]] = []
@@ -175,12 +175,12 @@ def pose(
 
 @BENCH.part(quick="--places 2")
 def anywhere(*, textures: str = "laminate,parquet,tiles", places: int = 50, features: Kind = "orb") -> None:
-    """Recognition of a lost robot that stands: right, none, wrong, at random places of the map.
+    """Count right, missing and wrong recognitions by a lost robot that stands at random places of the map.
 
     Args:
-        textures: by commas; the boards of laminate repeat.
-        places: images of each.
-        features: orb or sift.
+        textures: names of floor textures, comma-separated; the boards of laminate repeat.
+        places: number of images on each texture.
+        features: kind of image features, orb or sift.
     """
     rows: list[tuple[object, ...]] = []
     kinds = ("right", "none", "wrong")
@@ -305,17 +305,17 @@ def blind(
     params: str = "nao-eyes",
     seconds: float = math.inf,
 ) -> None:
-    """Blind cases along a recorded walk: wrong certain poses, and time until the flag, of floors from the first image.
+    """Replay a recorded walk with cameras that see nothing useful: count wrong certain poses, time until a flag.
 
     Goals: no certain pose that is wrong (sd below 10 cm, error above 30 cm, not lost), a flag within 1 s, no flag
     before anything is wrong.
 
     Args:
         recording: MCAP file of the Nao.
-        texture: of the floor.
+        texture: name of the floor's texture.
         floor_seed: of the floor that the map shows.
-        runs: seeds of each case; each has another other floor.
-        cases: by commas; of "none" every flag is a false alarm.
+        runs: number of seeds of each case; the case `other floor` has another floor with each.
+        cases: names of cases, comma-separated; of "none" every flag is a false alarm.
         params: model of the navigator.
         seconds: of the recording, from its begin.
     """

@@ -31,9 +31,9 @@ def grid(out: str = "grid.npz", /, *, texture: str = "parquet", seed: int = 1, f
 
     Args:
         out: file.
-        texture: of the floor.
+        texture: name of the floor's texture.
         seed: of the texture.
-        features: orb or sift.
+        features: kind of image features, orb or sift.
     """
     camera = still_camera(floor(texture, seed), 0.01)
     world = map_by_grid(camera, features, np.arange(-0.6, 5.6, 0.1).tolist(), (-0.5, -0.25, 0.0, 0.25, 0.5))
@@ -50,7 +50,7 @@ def from_elsewhere(world: Path, arm: str, texture: str, seed: int) -> Scenario:
     Args:
         world: map of the floor's features.
         arm: policy and actions, of `goals.ARMS`.
-        texture: of the floor.
+        texture: name of the floor's texture.
         seed: of start and error, which has the deviations of the model.
     """
     rng = np.random.default_rng([seed, 28])
@@ -73,7 +73,7 @@ def on_images(world: str, arm: str, texture: str, seed: int, record: str = "") -
     Args:
         world: map of the floor's features, a file.
         arm: policy and actions, of `goals.ARMS`.
-        texture: of the floor.
+        texture: name of the floor's texture.
         seed: of everything random but the floor.
         record: folder for the recording; empty = there is none.
     """
@@ -100,12 +100,12 @@ def live(
     """Nao walks 5 m to a goal on images of the floor alone, no truth in the loop; runs of a seed are pairs.
 
     Goals: all runs arrive within 0.2 m, the planner at least 7 % faster than the hand-made controller (7.1 % on the
-    paper's robot).
+    robot of Osswald et al.).
 
     Args:
         world: map of the floor, of `surefoot map build` (texture_seed 1).
-        arms: policies of `goals`, by commas; the first is what the others are compared with.
-        texture: of the floor.
+        arms: policies of `goals`, comma-separated; the first is what the others are compared with.
+        texture: name of the floor's texture.
         record: folder for the recordings; empty = none are kept.
     """
     names = words_of(arms)
@@ -147,9 +147,9 @@ def transfer(
 
     Args:
         fitted: model of `surefoot fit navigator --landmarks`, the environment of all episodes.
-        others: models that policies are made for, besides that, by commas.
+        others: models that policies are made for, besides that, comma-separated.
         live: results file of `vision live`, of other seeds than the recordings.
-        arms: policies of `goals`, by commas.
+        arms: policies of `goals`, comma-separated.
         episodes: of each.
     """
     environment = load_params(fitted)

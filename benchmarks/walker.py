@@ -86,14 +86,14 @@ class Loop:
         self.pending = self.world.command.copy()
 
     def tick(self) -> WalkerOutputs:
-        """Run one control tick."""
+        """Simulate one control tick of 10 ms of world, estimator and walker; return the walker's outputs."""
         out = self.walker.step(sense(self.world, self.estimator)[0])
         command, self.pending = self.pending, self.world.command if out.command is None else out.command
         self.world.step_tick(command)
         return out
 
     def saved(self) -> tuple[Any, ...]:
-        """Return the whole state, for `back`."""
+        """Return a copy of the state of world, estimator and walker, from which `back` continues."""
         parts = copy.deepcopy((self.estimator, self.walker.state, self.walker.params))
         return (self.world.checkpoint(), *parts, self.pending)
 
@@ -150,14 +150,14 @@ def orders(
     *, seeds: str = "0:5", level: float = 1.0, ticks: str = MOMENTS, pairs: str = PAIRS, processes: int = 1,
     results: Path | None = None,
 ) -> None:  # fmt: skip
-    """Commands at any moment of a step of a Nao: falls and largest tilt.
+    """Command a walking Nao at any moment of a step: print falls and the largest tilt.
 
     Of each seed and each command under way the state at the begin of a step is kept, and every other command is tried
     from there at every moment.
 
     Args:
         level: of the perturbation.
-        ticks: before the landing, by commas.
+        ticks: ticks before the landing, comma-separated.
         pairs: command under way and command that comes, as left:right,walk:stop.
     """
     chosen = [pair.split(":") for pair in words_of(pairs)]
@@ -294,7 +294,7 @@ def actions(
     *, seeds: str = "0:4", level: float = 1.0, drift: float = 0.0, actions: str = ",".join(ACTIONS), count: int = 8,
     mixed: bool = False, processes: int = 1, results: Path | None = None,
 ) -> None:  # fmt: skip
-    """Actions of a navigator on a Nao: time, way and turn of each, one chained to the other.
+    """Print duration, distance and turn of a navigator's actions on a Nao, one carried out directly after the other.
 
     Each command is given 0.3 s before the end of the one before, as `ends_in_s` reports it. Poses are those of
     base_link at the landing of an action's last step.
@@ -302,7 +302,7 @@ def actions(
     Args:
         level: of the perturbation.
         drift: of the world, deg per 10 cm.
-        actions: names, by commas; each in a chain of its own.
+        actions: names of actions, comma-separated; each in a chain of its own.
         count: actions of a chain.
         mixed: all actions in one chain, in random order.
     """
@@ -347,7 +347,7 @@ def moments_of(name: str, seed: int, every: int) -> Iterator[tuple[str, bool]]:
 
 
 def falls(world: PhysicsWorld) -> bool:
-    """Return whether a world without commands falls within 3 s; its state is restored afterwards."""
+    """Return True if the robot falls within 3 s without commands; the state of the world is restored afterwards."""
     saved = world.checkpoint()
     for _ in range(HELD_TICKS):
         world.step_tick(None)
@@ -360,7 +360,7 @@ def falls(world: PhysicsWorld) -> bool:
 
 @BENCH.part("ragno --seeds 0:1 --every 200")
 def held(*robots: str, seeds: str = "0:4", every: int = 5) -> None:
-    """Robots whose commands end in one tick of a walk: how many fall while the joints stay as they are for 3 s.
+    """Stop all commands at one tick of a walk: print how many robots fall while the joints are held for 3 s.
 
     In every so many ticks the world is saved, held without commands until it has fallen or 3 s are over, and restored.
     Nothing else goes wrong, so a robot that falls here could not have been held. The driver holds the same way when no

@@ -39,7 +39,7 @@ def reproduce(
     strict: Annotated[bool, typer.Option("--strict", help="Known deviations fail too.")] = False,
     json: Json = False,
 ) -> None:
-    """Compute the figures and numbers of a paper again, its value beside ours.
+    """Compute the figures and numbers of a paper again and print its values beside those of this project.
 
     What the paper states is confirmed, not confirmed, or a known deviation; limits that it does not state are ok or
     FAILED. Exit code 1: something is not confirmed or FAILED; with --strict known deviations count as well.

@@ -62,7 +62,7 @@ def findings(path: Path) -> list[Finding]:
 
 
 def _times(runs: list[dict[str, Any]]) -> list[float]:
-    """Return the times of runs that arrived and had no problem, s."""
+    """Return the times to the goal, s, of those runs that arrived and had no problem."""
     times = [run["values"]["goal_time_s"] for run in runs if not run.get("problems")]
     return [float(time) for time in times if time is not None]
 

@@ -1,7 +1,7 @@
 """Experiments of Osswald et al., section VI, in simulation: tuning, trainings, 100 + 100 episodes, claims.
 
 Nothing here is chosen by the episodes that are reported: the hand controller's entropy threshold, and which of ten
-trainings stands for the paper's one, are chosen on random streams of their own.
+trainings stands for the one of Osswald et al., are chosen on random streams of their own.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,8 @@ SETTLING = Schedule()
 PRINTED_GAMMA = 0.95
 TRAININGS = range(5000, 5010)
 HAND_EPISODES, LEARNED_EPISODES = Seeds(50_000, 50_100), Seeds(50_100, 50_200)
-"""Seeds of the 100 episodes of the hand-made and of the learned controller, drawn independently as by Osswald et al."""
+"""Seeds of 100 episodes each, drawn independently as by Osswald et al.; `HAND_EPISODES`: of the hand-made controller;
+`LEARNED_EPISODES`: of the learned one."""
 PAIRED_EPISODES = Seeds(51_000, 52_000)
 TUNING_STREAM, TUNING_EPISODES = 1, Seeds(0, 1000)
 THRESHOLDS = (-4.5, -4.0, -3.5, -3.0, -2.5, -2.0, -1.0)  # nats
@@ -52,18 +53,18 @@ class Vision:
         model: navigation model of the world.
         world: the model as arrays.
         thresholds: mean time (s) and success of the 35 deg controller by entropy threshold (nats), tuning episodes.
-        threshold: nats, of those with full success the one with the least time.
+        threshold: entropy threshold of least time among those with full success, nats.
         trained: time of the episodes of each training, s, (trainings, 1500).
         chosen: index of the training that did best on the episodes of the selection.
         hand: results of the 35 deg controller, (100,).
-        learned: of the chosen training's policy, (100,).
+        learned: results of the chosen training's policy, (100,).
         hand_walks: the episodes of `hand` step by step.
         walks: the episodes of `learned` step by step, with the policy of each training.
         drifts: drift of the episodes that follow, rad per m, (1000,).
         paired_hand: results of the 35 deg controller, (1000,).
-        paired_learned: of each training on the same episodes, (trainings, 1000).
-        paired_settling: the same after trainings with this project's schedule, (trainings, 1000).
-        tuned: of a hand controller with TUNED_TURN_DEG on the same episodes, (1000,).
+        paired_learned: results of each training on the episodes of `drifts`, (trainings, 1000).
+        paired_settling: results after trainings with this project's schedule on these episodes, (trainings, 1000).
+        tuned: results of a hand controller with TUNED_TURN_DEG on these episodes, (1000,).
     """
 
     model: NavigationModel

@@ -1,8 +1,8 @@
 """Evolutionary search of Walas & Belter (2011), section 3.2: a gene is one term of the sum.
 
 Mutation draws the terms of one gene again, crossover exchanges the genes between two points, and the best half of
-parents and children goes on. The paper selects by the sum of distances and solves for the weights by least squares;
-here both steps use the same norm.
+parents and children survives. Walas & Belter select by the sum of distances and solve for the weights by least
+squares; here both steps use the same norm.
 """
 
 import numpy as np

@@ -43,10 +43,10 @@ class WalkKey:
     """Path of the file of the slip model that chooses; empty: random cells in the case `random`, else nominal
     footholds."""
     weight: float | None = None
-    """Weight k of the distance K4 in the cost Q = P + k K4, 1/m; None = that of the model."""
+    """Weight k, 1/m, of the distance K4 in the cost Q = P + k K4, P the predicted slip; None = that of the model."""
 
     def rule(self) -> Rule | None:
-        """Return the rule that chooses footholds: least Q of single cells, random draws, or None for nominal ones."""
+        """Return the rule of footholds: least cost Q of single cells, random draws, or None for nominal footholds."""
         if self.model:
             return model_rule(kept(self.model), SelectParams(robust=False, distance_weight=self.weight))
         return random_rule(self.seed) if self.case.startswith("random") else None
@@ -77,7 +77,7 @@ class WalkResult:
 
     @property
     def steps(self) -> int:
-        """Number of the last step of the walk with a finished stance; 0 without any."""
+        """Number of the last step of the walk in which a stance ended; 0 if none did."""
         return max((row[0] for row in self.rows), default=0)
 
 

@@ -1,7 +1,7 @@
 """Reproduction of Walas & Belter (2011), section 3: learning where to step, Figs. 7 to 12.
 
-The paper states which method is better, not numbers: each order is checked over seeds, with 95 % intervals of 2000
-resamplings.
+Walas & Belter state which method is better, not numbers: each order is checked over seeds, with 95 % intervals of
+2000 resamplings.
 """
 
 import itertools
@@ -42,7 +42,7 @@ EDGE = 0.3
 """K2 / (8 cell), no unit, above which ground counts as an edge and is withheld from learning in Fig. 12 of Walas &
 Belter."""
 WEIGHT = 0.5
-"""Weight k of the distance K4 in the cost Q = P + k K4 of the learned models, 1/m."""
+"""Weight k, 1/m, of the distance K4 in the cost Q = P + k K4 of the learned models, P the predicted slip."""
 PRINTED_WEIGHT = 8.0
 """Weight k of the distance K4 as Walas & Belter print it, 1/m, with which one case of walks is done."""
 TERMS = 12
@@ -139,7 +139,7 @@ def _plain(name: str) -> str:
 
 
 def _window(model: LearnedModel) -> tuple[Array, Array, Array]:
-    """Return heights, Q and mask of Fig. 10 of Walas & Belter: a window of ground 3.4 with all kinds of cells."""
+    """Return heights (m), cost Q and mask (0 = free) of a window of 15 x 15 cells as in Fig. 10 of Walas & Belter."""
     ground = build_ground(make_terrain("mixed", seed=WALKS).map, model.conditions.foot_radius)
     at = (0.45, 0.1)
     found = assess(

@@ -158,7 +158,7 @@ def figure_15(robot: Robot, found: tuple[Posture, ...]) -> list[Finding]:
 def figure_17(found: tuple[Slope, ...]) -> list[Finding]:
     """Return the findings on Fig. 17 of Walas & Belter, section 4.3: a robot on a slope with each friction coefficient.
 
-    The paper does not print the coefficients; those used here are this project's.
+    Walas & Belter do not print the coefficients; those used here are this project's.
     """
     rows: list[Finding] = []
     for s in found:

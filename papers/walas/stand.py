@@ -61,7 +61,7 @@ class Stand:
         self.wait(REST_S)
 
     def wait(self, seconds: float) -> None:
-        """Hold the set-points of the servos for a time, s."""
+        """Simulate for `seconds` s while the servos hold their set-points."""
         for _ in range(round(100.0 * seconds)):
             self._tick(None)
 

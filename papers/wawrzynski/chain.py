@@ -19,7 +19,7 @@ from surefoot.robot.description import Robot
 
 
 class Chain(NamedTuple):
-    """Serial chain, foot first; arrays usable inside kernels."""
+    """Serial chain of a leg from foot to IMU, as arrays for kernels: rotations, displacements (m), joints, signs."""
 
     rot: Array  # (n, 3, 3) A_i, constant rotation of frame i + 1 in frame i at theta_i = 0
     shift: Array  # (n, 3) A_i l_i, origin of frame i + 1 in frame i at theta_i = 0, m
@@ -40,7 +40,7 @@ class ChainState(NamedTuple):
 def chain_from_dh(a: Array, alpha: Array, d: Array, offset: Array, imu_position: Array, imu_axes: Array) -> Chain:
     """Return the chain of standard Denavit-Hartenberg rows, foot to pelvis: R_i = Rz(theta) Rx(alpha).
 
-    l_i = (a, d sin alpha, d cos alpha), which the paper leaves undefined; l_n holds the IMU's mounting as well.
+    l_i = (a, d sin alpha, d cos alpha), undefined in Wawrzynski et al.; l_n holds the IMU's mounting as well.
 
     Args:
         a: link lengths, (n,) m.
@@ -184,7 +184,7 @@ def velocity_kinematics_gyro(state: ChainState, pivot: Array) -> Array:
 
     Args:
         state: result of `descend`.
-        pivot: c_1, the point of the foot that does not move, in the foot frame, (3,) m; the paper has 0, the ankle.
+        pivot: c_1, the point of the foot that does not move, foot frame, (3,) m; 0, the ankle, in Wawrzynski et al.
     """
     x, y, z = state.p_1[0] - pivot[0], state.p_1[1] - pivot[1], state.p_1[2] - pivot[2]
     w = state.w_1

@@ -41,7 +41,7 @@ def _figure_3(one: Experiment) -> Figure:
 
 
 def _errors(done: Sequence[Experiment]) -> Figure:
-    """Return the figure of the error of the mean velocity (38) and rms error of every walk, by estimator."""
+    """Return the figure of the errors of every walk by estimator: of the mean velocity, equation (38), and rms."""
     names = [name for name in done[0].tracks if name != "imu"]
     figure = new_figure(9.0, 3.2)
     left, right = figure.subplots(1, 2)

@@ -39,7 +39,7 @@ class LogSet:
     drawn: bool = True  # by seed
 
     def logs(self, seeds: Iterable[int]) -> list[Log]:
-        """Return the logs of these seeds."""
+        """Return the logs of the set that are made with these seeds, one for each."""
         return [self.make(seed) for seed in seeds] if self.drawn else [self.make(0)]
 
 

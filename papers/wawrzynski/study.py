@@ -29,8 +29,8 @@ AT_LEAST = 0.01  # m/s, of base_link over 2 s: it walks
 MEAN_S = 2.0
 SMOOTH_S = 0.3
 REST_S = 6.0
-"""Time of standing before the walk, s; it decides the result of (38), as the mean gyro over 0.5 s leaves a bias of 1e-3
-rad/s."""
+"""Time of standing before the walk, s; it decides the error (38) of Wawrzynski et al., as the mean gyro over 0.5 s
+leaves a bias of 1e-3 rad/s."""
 LOST = 0.0357  # m/s: an estimate that is off by the walking speed is useless
 
 
@@ -197,7 +197,10 @@ def errata(draws: int = 200, step: float = 1e-6) -> Errata:
 
 
 def _as_printed(chain, theta: Array, rate: Array, w: Array) -> tuple[Array, Array]:
-    """Return (8) with p_i x z theta' and (12) with the IMU's z axis w^z_i, as Wawrzynski et al. print them."""
+    """Return velocity and turn rate, from the IMU to the foot, by (8) and (12) as Wawrzynski et al. print them.
+
+    They print p_i x z theta' in (8), and the IMU's z axis w^z_i in (12).
+    """
     p, v, axes = np.zeros(3), np.zeros(3), chain.imu_axes.copy()
     omega = axes @ w
     for i in range(theta.size - 1, -1, -1):

@@ -1,7 +1,7 @@
 """Seeded synthetic walks with exact truth, for tests, studies and the reproduction of Wawrzynski et al.
 
-The paper's robot: a biped of 35 cm that walks 3.57 cm/s with steps of 0.5 s, IMU at 100 Hz, servo encoders of
-0.293 deg and foot switches at 30 Hz. Its Table I is not public: the legs are the six-joint chain of `bioloid_chains`.
+Their robot is a biped of 35 cm that walks 3.57 cm/s with steps of 0.5 s, IMU at 100 Hz, servo encoders of 0.293 deg
+and foot switches at 30 Hz. Their Table I is not public: the legs are the six-joint chain of `bioloid_chains`.
 The truth is kinematic: a sliding foot does not push the body.
 """
 
@@ -140,7 +140,7 @@ def _smooth(u: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """Path of the walk, sampled on the fine time grid."""
+    """Path of a synthetic walk on the fine time grid of N samples: time s, distance m, heading rad, x and y m."""
 
     t: Array
     way: Array  # (N,) m

@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.estimator``."""
+"""Entry point of the estimator service as a process: ``python -m surefoot.services.estimator``."""
 
 from surefoot.lockstep.launch import main
 

@@ -96,7 +96,10 @@ flags_of = kernel(flags)
 
 @kernel
 def is_quiet(c: Condition) -> bool:
-    """Return True if there is nothing to report but standing, unless an input is silent or in another unit."""
+    """Return True if all flags are true, no foot slips, inertial noise is low and no external sample was left out.
+
+    Silent inputs and wrong units of sensors are not considered.
+    """
     inputs_ok, filter_ok, sensors_ok = flags_of(c)
     return inputs_ok and filter_ok and sensors_ok and not c.slipping and c.excess < ROUGH_EXCESS and not c.external_out
 

@@ -1,4 +1,4 @@
-"""Output of the estimator: one filter's g and v expressed in the frames that users want, with flags."""
+"""Output of an estimator: gravity g and velocity v of the IMU expressed in the frames of users, with flags."""
 
 import math
 from typing import NamedTuple
@@ -77,9 +77,8 @@ def express(g: Array, v: Array, w: Array, rot_base_from_imu: Array, imu_position
     """Return IMU quantities in other frames, as five rows (5, 3).
 
     Rows: velocity of the base_link origin, base_link axes, m/s; that velocity in heading axes, m/s; turn rate,
-        base_link axes,
-    rad/s; g, base_link axes, m/s^2; (roll, pitch, 0), rad. The velocity of the origin is R v + w x (0 - imu_position),
-    with R v and w in base_link axes.
+    base_link axes, rad/s; g, base_link axes, m/s^2; (roll, pitch, 0), rad. The velocity of the origin is
+    R v + w x (0 - imu_position), with R v and w in base_link axes.
 
     Args:
         g: specific force at rest, points up, (3,) m/s^2, IMU axes.
@@ -129,8 +128,7 @@ def summary(
     """Return an estimate in the frames of users, five rows (5, 3), and True if its numbers are possible.
 
     Rows: velocity of the base_link origin, base_link axes, m/s; that velocity in heading axes, m/s; turn rate,
-        base_link axes, rad/s; g,
-    base_link axes, m/s^2; (roll, pitch, 0), rad.
+    base_link axes, rad/s; g, base_link axes, m/s^2; (roll, pitch, 0), rad.
 
     Args:
         g: specific force at rest, points up, (3,) m/s^2, IMU axes.

@@ -267,7 +267,7 @@ class Estimator:
 
     @property
     def initialised(self) -> bool:
-        """True if the estimates of `best` can be used."""
+        """True if `best` has started and its estimates can be used, else False."""
         return self.best.settled
 
     def estimate(self, name: str = BEST) -> VelocityAndTilt:

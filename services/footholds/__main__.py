@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.footholds``."""
+"""Entry point of the foothold service as a process: ``python -m surefoot.services.footholds``."""
 
 from surefoot.lockstep.launch import main
 

@@ -34,7 +34,7 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """Layers of one window, and counts of its cells."""
+    """Result of `assess`: requested layers of a window of the map, and number of its cells by reason of exclusion."""
 
     layers: Layer
     """Requested layers of the window in the order of their names, (number of layers, rows, cols) float32."""

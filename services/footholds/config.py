@@ -17,7 +17,7 @@ _LIMITS, _SCORE, _SELECT = Limits(), HandScore(), SelectParams()
 
 
 class FootholdsConfig(ServiceConfig):
-    """Configuration of the service; the classes that the defaults come from give the reason of each value."""
+    """Configuration of the foothold service; `SelectParams`, `Limits` and `HandScore` give the reasons for defaults."""
 
     live = (
         "window_cells", "distance_weight", "explore", "explore_seed", "trunk_step_m", "trunk_range_m", "slip_limit",
@@ -74,11 +74,11 @@ class FootholdsConfig(ServiceConfig):
     score_dead: float = Field(default=_SCORE.dead, ge=0, le=10, description="convexity and roughness held for noise")
 
     def hand_made(self) -> HandScore:
-        """Return the hand-made slip model."""
+        """Return the hand-made slip model with the weights `score_*` of this configuration."""
         return HandScore(**{each.name: getattr(self, f"score_{each.name}") for each in fields(HandScore)})
 
     def relearner(self, log: Callable[[str], None]) -> Relearner | None:
-        """Return the re-learner, None if re-learning is off."""
+        """Return a new re-learner of the slip model with the settings `relearn*`; None if `relearn` is off."""
         if self.relearn == "off":
             return None
         return Relearner(RelearnParams(self.relearn, self.relearn_weight, self.relearn_every, self.relearn_file), log)

@@ -56,10 +56,10 @@ class LatchedGround:
         return True
 
     def _measured(self, message: ElevationMap) -> FootholdGround | None:
-        """Return the ground of a map with variances; cells that are too unsure count as not seen. None: all are.
+        """Return the ground of a map with variances; too uncertain cells count as not seen; None: all cells are.
 
         Raises:
-            HeightMapError: the message holds no map, or variances that cannot be.
+            HeightMapError: the message holds no map, or impossible variances.
         """
         heights = HeightMap.from_base64(message.model_dump(), message.heights)
         try:

@@ -48,7 +48,7 @@ _REACH, _COLLISION, _UNKNOWN, _STEEP, _SLIP, _UNLEARNED = (int(reason) for reaso
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits that a foothold must keep; a cell beyond one is excluded."""
+    """Limits of slip, slope, wedging and reach that a foothold must keep; a cell beyond one is excluded."""
 
     slip: float = 0.4
     """Largest predicted slip, distance slid per length of stroke (no unit); a guess, not measured."""
@@ -79,7 +79,7 @@ class _HeightGrid(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """A leg about to land, for the tests of reach and collision."""
+    """Leg about to land, with the pose of base_link then and the stroke, for the tests of reach and collision."""
 
     leg: LegTable
     """The leg as 32 numbers (hip, lengths, joint limits) for kernels; NaN = a leg without closed form."""

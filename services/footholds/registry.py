@@ -1,4 +1,4 @@
-"""Slip models of the foothold service: the one asked for, the one in use, and those learned while it runs."""
+"""Slip models of the foothold service: the requested one, the one in use, and those learned while it runs."""
 
 import hashlib
 from collections import Counter
@@ -23,7 +23,7 @@ Log = Callable[[str, str], None]
 
 
 class SlipModels:
-    """Store of the slip models of the foothold service: the one asked for, the one in use, and those learned."""
+    """Store of the slip models of the foothold service: the requested one, the one in use, and those learned."""
 
     def __init__(self, config: FootholdsConfig, robot: Robot, log: Log) -> None:
         self.config, self.robot, self.log = config, robot, log

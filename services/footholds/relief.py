@@ -118,7 +118,7 @@ def blur_relief(relief: Relief, variance: Layer, cell: float, scale: int) -> Non
 
 
 def _extreme(best: np.ufunc, layer: Layer, by: int) -> Layer:
-    """Return the greatest (`best` = fmax) or least (fmin) known value within `by` rows and columns of each cell."""
+    """Return the largest (`best` = fmax) or least (fmin) known value of a layer (ny, nx) within `by` cells of each."""
     ny, nx = layer.shape
     rows = layer.copy()
     for k in range(1, min(by, ny - 1) + 1):

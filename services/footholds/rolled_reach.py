@@ -22,7 +22,7 @@ SLACK = 1e-9
 """Tolerance, in m and in cosines, up to which a point beyond an edge counts as inside, as in the closed-form
 solution."""
 ALONG = 21
-"""Index in a leg's 32 numbers of the side on which the foot lies along z, 1 or -1; 0 = not a roll-pitch-pitch leg."""
+"""Index, in a leg's 32 numbers, of the side (1 or -1 along z) on which its foot lies; 0 there: not roll-pitch-pitch."""
 
 
 def rolled_table(model: KinematicModel, leg: int) -> LegTable:

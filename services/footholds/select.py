@@ -48,14 +48,14 @@ MAX_BORDER = 6
 
 @dataclass(frozen=True, slots=True)
 class SelectParams:
-    """Parameters of the choice of footholds."""
+    """Parameters of the choice of footholds: search window, weight of distance, averaging, trunk heights, limits."""
 
     size: int = 15
     """Number of cells along an edge of the search window, odd (Walas & Belter 2011, 3.4)."""
     distance_weight: float | None = None
-    """Weight k, 1/m, of the distance K4 from the nominal place in the cost Q = P + k K4; None = the model's."""
+    """Weight k, 1/m, of the distance K4 from the nominal place in the cost slip + k K4; None = that of the model."""
     robust: bool = True
-    """True: average P over the model's landing error, or Q over free cells of 3 x 3; False: take single cells."""
+    """True: average the slip over the model's landing error, or the cost over free cells of 3 x 3; False: do not."""
     seed: int | None = None
     """Seed of a random choice of cell for every leg, to collect samples; None = the best cell. With a seed the slip
     model excludes no cell, or nothing could be learned where it is wrong; all other reasons do."""
@@ -68,7 +68,7 @@ class SelectParams:
     """True: also return the largest rectangle of free cells that holds the foothold; False: the foothold only."""
 
     def weight(self, model: SlipModel) -> float:
-        """Return the weight k, 1/m, of the distance K4 from the nominal foothold in the cost Q = P + k K4."""
+        """Return the weight k, 1/m, of the distance K4 from the nominal foothold in the cost Q = slip + k K4."""
         return model.distance_weight if self.distance_weight is None else self.distance_weight
 
 
@@ -84,7 +84,7 @@ class TrunkPose:
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """One leg about to land."""
+    """Leg about to land, with the nominal landing of its foot and the stroke of the coming stance."""
 
     leg: int
     """Index of the leg in the robot description."""
@@ -108,7 +108,7 @@ class Foothold:
     trunk_shift: float = 0.0
     """Change of trunk height that makes the foothold reachable, m, up positive; 0 = none is needed."""
     score: float = math.nan
-    """Cost Q = P + k K4 of the chosen cell, no unit; NaN = infeasible."""
+    """Cost Q = P + k K4 of the chosen cell, predicted slip P plus weighted distance K4, no unit; NaN = infeasible."""
     slip: float = math.nan
     """Predicted slip P of the chosen cell per stroke, no unit; NaN = infeasible."""
     spread: float = math.nan
@@ -188,13 +188,13 @@ class WindowCosts(NamedTuple):
     slip: Layer
     """Predicted slip P of each single cell per stroke, no unit, (rows, cols); the masks are made from it."""
     mean: Layer
-    """Mean of P over the cells on which the foot may land, no unit, (rows, cols); P itself without landing error."""
+    """Mean of the slip P over the cells on which the foot may land, no unit, (rows, cols); P if landings are exact."""
     away: Layer
     """Distance K4 of each cell from the nominal foothold, (rows, cols) m."""
     weight: float
-    """Weight k of the distance in the cost Q = P + k K4, 1/m."""
+    """Weight k, 1/m, of the distance K4 in the cost Q = P + k K4, P the slip."""
     block: bool
-    """True if Q is the mean of P + k K4 over the free cells of 3 x 3, False if it is that of the single cell."""
+    """True if the cost Q is the mean of P + k K4 over the free cells of 3 x 3, False if that of the single cell."""
 
     def q(self, mask: Mask) -> Layer:
         """Return the cost Q of every cell, no unit, (rows, cols): the choice is the free cell of the least one.
@@ -257,7 +257,7 @@ def _distances(offset: Point, away: Layer) -> None:
 
 @kernel
 def _landings(around: Layer, blur: Array, mean: Layer) -> None:
-    """Write the mean of P over landings where it is known (negative: unknown) into `mean` (r, c).
+    """Write the mean of the slip P over landings where P is known (negative: unknown) into `mean` (r, c).
 
     `blur`: weights of the landings around a cell, (s, s); `around`: P with a border for them, (r + s - 1, c + s - 1).
     """
@@ -276,7 +276,7 @@ def _landings(around: Layer, blur: Array, mean: Layer) -> None:
 
 @kernel
 def _q(mask: Mask, mean: Layer, away: Layer, weight: float, block: bool, out: Layer) -> None:
-    """Write `mean` + `weight` (1/m) * `away` (m), (r, c) each, to `out`; `block`: averaged over free cells of 3 x 3."""
+    """Write costs `mean` + `weight` (1/m) * `away` (m) of cells (r, c) to `out`; `block`: averaged over free 3 x 3."""
     rows, cols = mask.shape
     for i in range(rows):
         for j in range(cols):

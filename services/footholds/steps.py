@@ -1,4 +1,4 @@
-"""Footholds of many steps at once, for planners, worked out beside the ticks."""
+"""Footholds of many planned steps in one request, computed on a thread of their own while ticks go on."""
 
 from concurrent.futures import Future
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.mapper``."""
+"""Entry point of the mapper service as a process: ``python -m surefoot.services.mapper``."""
 
 from surefoot.lockstep.launch import main
 

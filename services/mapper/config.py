@@ -24,7 +24,7 @@ class MapperConfig(ServiceConfig):
     )
 
     def params(self) -> MapParams:
-        """Return the parameters of the map."""
+        """Return the parameters of the elevation map that this configuration states."""
         return MapParams(
             self.cell_m, self.cells, self.farthest_m, self.late_s, self.start_deviation_m, self.start_margin_m
         )

@@ -49,7 +49,7 @@ class Elevation(NamedTuple):
     """Layers of an elevation map, (n, n) each, row along y: heights, their variances, and drift when last seen."""
 
     height: Array
-    """Place of the cells of a square elevation map in the frame of the map, that of the odometry at the start."""
+    """Height of the ground in each cell, frame of the map, m; NaN = not seen."""
     variance: Array
     """Variance of each height by errors that are independent between its measurements, m^2."""
     drift_z: Array

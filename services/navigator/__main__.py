@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.navigator``."""
+"""Entry point of the navigator service as a process: ``python -m surefoot.services.navigator``."""
 
 from surefoot.lockstep.launch import main
 

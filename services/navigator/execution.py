@@ -1,6 +1,6 @@
 """Ordered actions as motions in time, predicted for a robot without odometry.
 
-The way of an action counts as walked evenly from the landing of the last step before it to the landing of its own last
+An action counts as walked at constant rate from the landing of the last step before it to the landing of its own last
 step; both times come from `state/gait`. The trunk follows the feet by a lag.
 """
 

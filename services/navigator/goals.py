@@ -1,4 +1,4 @@
-"""Goals, actions and the state of the walker, as the pilot takes them."""
+"""Dataclasses of the navigator: a goal with its progress, an action, and the state of the walker."""
 
 import json
 import math
@@ -58,7 +58,7 @@ class Act:
 FAR = 1e9
 """Distance larger than any path, m: initial value of a minimum."""
 DETOUR_PACE = 0.04
-"""Lowest speed at which a robot walks a detour, m/s; the Nao walks at 0.05."""
+"""Assumed speed of a robot on a detour, m/s, by which its extra length counts as time; the Nao walks at 0.05."""
 NEARER = 3.0
 """Factor on the least progress, m, by which the remaining path has to shrink to count as shorter: the belief itself
 jumps by one such step."""
@@ -112,7 +112,7 @@ class NavigationGoal:
     yaw_tolerance: float = Conduct().yaw_goal_tolerance
     """Largest error of the requested final heading at which the goal succeeds, rad."""
     timeout: float | None = None
-    """Time from its begin after which the goal ends, s; None = no limit."""
+    """Time after the beginning of the goal at which it ends unreached, s; None = no limit."""
 
     def __post_init__(self) -> None:
         self.places = self.places or self.route

@@ -176,7 +176,7 @@ class Maps:
             raise Refusal("blocked", f"{place} is in an obstacle of the map", field)
 
     def message(self) -> OccupancyGrid:
-        """Return the occupancy grid; without a map it has no cells."""
+        """Return the occupancy grid of the floor as a message; without a map it has no cells."""
         grid = self.grid
         if grid is None:
             return OccupancyGrid(rows=0, cols=0, cell=0.05, origin=(0.0, 0.0))

@@ -18,7 +18,7 @@ ECHO_SLACK = 0.25
 def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct, now: float) -> bool:
     """Enter a ranger reading into the local map and the check of the pose; return True if only turns are allowed.
 
-    They are where the ranger or a bumper shows an obstacle close ahead (Osswald et al.).
+    Only turns are allowed where the ranger or a bumper shows an obstacle close ahead (Osswald et al.).
 
     Args:
         reach: reading of the ranger.

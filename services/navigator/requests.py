@@ -126,7 +126,7 @@ class Requests:
         return nav.NavigatorReply(accepted=True)
 
     def set_pose(self, request: nav.SetPoseRequest) -> nav.NavigatorReply:
-        """Set the believed pose of the robot to the one that a request states; its goals go on.
+        """Set the believed pose of the robot to the one that a request states; the present goal continues.
 
         Raises:
             Refusal: a tick that has passed, a matrix that is no covariance, or a place in an obstacle or outside of the

@@ -163,7 +163,7 @@ class Search:
             self.body.turn("look", math.radians(conduct.search_turn_deg))
 
     def _advance(self, look: Look, gait: GaitView, *, blocked: bool) -> None:
-        """Order the next short walk to where the candidate poses differ, as far as nothing is in the way."""
+        """Order the next part of the walk aside when it is due; an obstacle close ahead ends the walk."""
         stands = gait.state == "standing" and gait.ends_in is None
         if stands and blocked:
             look.left = 0.0

@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.recorder``."""
+"""Entry point of the recorder service as a process: ``python -m surefoot.services.recorder``."""
 
 from surefoot.lockstep.launch import main
 

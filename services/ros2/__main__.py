@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.ros2``."""
+"""Entry point of the bridge to ROS 2 as a process: ``python -m surefoot.services.ros2``."""
 
 from surefoot.lockstep.launch import main
 

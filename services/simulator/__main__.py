@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.simulator``."""
+"""Entry point of the simulator service as a process: ``python -m surefoot.services.simulator``."""
 
 from surefoot.lockstep.launch import main
 

@@ -18,7 +18,7 @@ from .world import PhysicsWorld, WorldConfig, WorldError
 
 
 class BuiltWorld(NamedTuple):
-    """A simulated world, and the latched messages about its ground."""
+    """Simulated world, with the request it was built from and the latched messages about its ground."""
 
     request: ResetRequest
     """Request that the world was built from."""

@@ -87,7 +87,7 @@ def sight_messages(sight: Senses | None, stamp_ns: int) -> list[DueSample]:
 
 
 def image_message(taken: TakenImage) -> CameraImage:
-    """Return the message of an image."""
+    """Return an image of the simulated camera as a message, with its optics and the camera's pose in base_link."""
     height, width = taken.pixels.shape
     data = taken.pixels.tobytes() if taken.format == "gray8" else jpeg(taken.pixels)
     return CameraImage(
@@ -98,7 +98,7 @@ def image_message(taken: TakenImage) -> CameraImage:
 
 
 def depth_message(frame: DepthFrame, camera: DepthCamera) -> DepthImage:
-    """Return the message of an image of depths; `camera`: gives focal length, noise and mount."""
+    """Return an image of the depth camera as a message; `camera` gives focal length, noise and mounting."""
     f = camera.file
     return DepthImage(
         width=f.width_px, height=f.height_px, depths=b64encode(frame.depths.astype("<f4").tobytes()).decode(),
@@ -117,7 +117,7 @@ def lacking(sight: Senses | None, heights: HeightMapMessage | None) -> tuple[Top
 
 
 def truth_message(truth: ExactState) -> TruthMessage:
-    """Return the message of the exact state."""
+    """Return the exact state of the simulated robot as the message `sim/truth`."""
     return TruthMessage(
         position=tuple(truth.position.tolist()),
         quat_wxyz=tuple(truth.quat_wxyz.tolist()),

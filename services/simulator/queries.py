@@ -162,7 +162,7 @@ class SimulatorQueries:
         return DescriptionReply(robot=r.name, hash=r.hash, joints=r.joint_names, feet=r.leg_names)
 
     def heights(self, request: MapRequest) -> HeightMapMessage:
-        """Return the latched height map."""
+        """Return the height map of the ground that the robot gets (raises Refusal: it gets none in this world)."""
         if self.run.built.heights is None:
             raise Refusal("refused", "the robot gets no map in this world: map_profile is none")
         return self.run.built.heights

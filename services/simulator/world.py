@@ -60,7 +60,7 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 @dataclass(frozen=True, eq=False)
 class WorldConfig:
-    """Settings that are fixed when a world is built."""
+    """Settings of a simulated world that are fixed when it is built: physics, sensors, floor, start, obstacles."""
 
     physics: Physics = field(default_factory=Physics)
     perturbation: Perturbation = field(default_factory=Perturbation)
@@ -302,7 +302,7 @@ class PhysicsWorld:
     # --- state ---------------------------------------------------------------------------------------------------
 
     def truth(self) -> ExactState:
-        """Return the exact state now."""
+        """Return the exact state of the robot at the end of the last tick: pose, velocities, joints, feet, falls."""
         feet = self.tracker.feet_now()
         qpos, qvel = self.data.qpos.copy(), self.data.qvel[TRUNK_DOF].copy()
         up = float(self.data.xmat[self.address.trunk, 8])
@@ -394,7 +394,7 @@ mujoco.set_mju_user_warning(lambda text: None)  # it writes into the working fol
 
 
 def rehearse() -> None:
-    """Call every kernel once with made-up arguments, so that it is loaded."""
+    """Call every kernel of the simulator once with made-up arguments, so that none is loaded in a tick."""
     sensors.rehearse()
     images.rehearse()
     truth.rehearse()

@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.stability``."""
+"""Entry point of the stability service as a process: ``python -m surefoot.services.stability``."""
 
 import gc
 

@@ -1,4 +1,4 @@
-"""Handlers of queries: domain errors as refusals, and a thread for answers that take longer than a tick allows."""
+"""Query handlers of the stability service: errors become refusals, long computations run on a thread of their own."""
 
 import threading
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.supervisor``: the supervisor alone; `surefoot supervise` also runs the router."""
+"""Entry point of the supervisor service without a router; `surefoot supervise` runs the service and a router."""
 
 from surefoot.lockstep.launch import main
 

@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.unitree``."""
+"""Entry point of the driver of Unitree's quadrupeds as a process: ``python -m surefoot.services.unitree``."""
 
 from surefoot.lockstep.launch import main
 

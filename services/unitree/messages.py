@@ -134,7 +134,7 @@ class PathPoint(idl.IdlStruct, typename="unitree_go.msg.dds_.PathPoint_"):
 @final
 @autoid("sequential")
 class SportModeState(idl.IdlStruct, typename="unitree_go.msg.dds_.SportModeState_"):
-    """State estimate of the manufacturer's controller: m, m/s, rad/s."""
+    """State estimate by the manufacturer's controller: pose and velocity (m, m/s, rad/s), gait, feet, planned path."""
 
     stamp: TimeSpec
     error_code: uint32
@@ -165,7 +165,7 @@ class NumbersAsSent:
 
     @staticmethod
     def deserialize(data: bytes) -> Numbers:
-        """Return the numbers of a message."""
+        """Return all numbers of a LowState message, in the order of its fields, from the bytes that DDS carries."""
         if len(data) == SENT.size and data[:2] == SENT_AS:
             return Numbers(SENT.unpack(data))
         return numbers_of(LowState.deserialize(data))
@@ -186,7 +186,8 @@ class Sensors(NamedTuple):
 
 
 IMU_AT, MOTORS_AT, FEET_AT, TICK_AT = 9, 23, 288, 296
-"""Indices of the first number of the inertial unit, motors, foot forces and tick among the numbers of a LowState."""
+"""Index of the first number of a part of a LowState message among its numbers; `IMU_AT`: inertial unit; `MOTORS_AT`:
+motors; `FEET_AT`: foot forces; `TICK_AT`: tick."""
 
 
 def sensors_of(n: Numbers) -> Sensors:

@@ -88,7 +88,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
         return made[0], made[1]
 
     def poll(self) -> None:
-        """Read the received messages, for release tick by tick."""
+        """Move the received DDS messages into the intake, which releases their samples tick by tick."""
         for state in self._readers[0].take(N=MOST):
             if isinstance(state, tuple):  # else: the writer has gone
                 self.take(state)

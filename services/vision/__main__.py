@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.vision``."""
+"""Entry point of the vision service as a process: ``python -m surefoot.services.vision``."""
 
 from surefoot.lockstep.launch import main
 

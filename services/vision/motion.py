@@ -42,7 +42,7 @@ class MotionHistory:
     """Odometry and joint angles of the last seconds.
 
     Attributes:
-        robot: its feet give the height over the floor.
+        robot: description of the robot, whose feet give the height of base_link over the floor.
     """
 
     robot: Robot

@@ -97,7 +97,7 @@ class VisionService(Service[VisionConfig]):
             self._publish(now, wait=inputs.tick.mode == "lockstep")
 
     def _take(self, image: CameraImage, now: int) -> None:
-        """Begin to process an image, unless it is old, or another one is under way."""
+        """Begin to process an image, unless it is repeated or older than `late_s`, or another one is in process."""
         camera: tuple[str, ...] = ()
         if image.stamp_ns <= self._stamp:
             camera = ("repeated",)

@@ -1,4 +1,4 @@
-"""``python -m surefoot.services.walker``."""
+"""Entry point of the walker service as a process: ``python -m surefoot.services.walker``."""
 
 from surefoot.lockstep.launch import main
 

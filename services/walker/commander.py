@@ -18,7 +18,7 @@ class Commander:
 
     Args:
         gait: gait that obeys the commands.
-        memory: file for the state that a restart must not lose.
+        memory: file for the state from which a restarted walker resumes.
         log: function that logs a text at a level.
     """
 
@@ -82,7 +82,7 @@ class Commander:
             self._log("warning", f"order {order.number} ({order.command.action}) refused: {reason}")
 
     def keep(self) -> None:
-        """Write the state that a restart must not lose to the file; before the first tick there is none to write."""
+        """Write the state from which a restarted walker resumes to the file; before the first tick do nothing."""
         if self._memory.path is None or self._tick < 0:
             return
         planned = tuple(item[2].model_dump() for item in self._planned)

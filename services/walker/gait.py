@@ -29,7 +29,7 @@ class Gait(Protocol):
         ...
 
     def kept(self) -> WalkMemory:
-        """Return the state that a restart of the walker must not lose."""
+        """Return the command under way and what else a restarted walker needs to resume it."""
         ...
 
     def resume(self, kept: WalkMemory) -> None:

@@ -17,7 +17,7 @@ Action = Literal["walk", "turn", "stand", "stop"]
 
 @dataclass(frozen=True, slots=True)
 class WalkerInputs:
-    """Inputs of a gait in one control tick."""
+    """Inputs of a gait in one control tick: estimate of the trunk, joint angles, foot switches, stability margin."""
 
     stamp: float
     """Simulated time of the tick, s."""
@@ -46,7 +46,7 @@ class WalkerInputs:
 
 @dataclass(frozen=True, slots=True)
 class WalkerOutputs:
-    """Outputs of a gait in one control tick."""
+    """Outputs of a gait in one control tick: joint set-points, feet and footholds, progress of the command."""
 
     command: Array | None
     """Joint set-points, (nj,) rad; None until the first joint sample."""
@@ -78,7 +78,7 @@ class WalkerOutputs:
 
 @dataclass(frozen=True, slots=True)
 class MotionCommand:
-    """Command to a gait; a later command replaces an earlier one."""
+    """Command to a gait to walk, turn, stand or stop; a later command replaces an earlier one."""
 
     action: Action
     distance: float | None = None

@@ -18,7 +18,7 @@ from .interface import BodyPose, MotionCommand
 
 @dataclass(frozen=True)
 class WalkMemory:
-    """State that a walker needs to resume after a restart."""
+    """State from which a restarted walker resumes: command under way, its start, planned commands, last order."""
 
     walk_id: int
     command: MotionCommand | None

@@ -3,7 +3,7 @@
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
 
 MOST = 32
-"""Largest number of command outcomes in one request; older ones are dropped."""
+"""Largest number of stance outcomes that wait for the next foothold request; older ones are dropped."""
 Choice = tuple[LegRequest, tuple[float, float]]
 
 

@@ -1,4 +1,4 @@
-"""The walker service: walk commands in, joint commands out; asks for footholds and stability before each step."""
+"""The walker service: walk commands in, joint commands out; requests footholds and a check before each step."""
 
 import dataclasses
 from typing import Any

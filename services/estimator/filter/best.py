@@ -246,7 +246,7 @@ class BestFilter:
 
     @property
     def condition(self) -> Condition:
-        """Numbers from which flags and reasons of the output follow."""
+        """Numbers from which the flags of the estimate, and the reasons for them in words, follow."""
         if self._condition is None:
             _ = self.output  # brings the state up
             self._condition = condition_now(self._box)

@@ -28,7 +28,8 @@ from .samples import EX, ROW_Q, ROW_W, SampleStore, after
 from .state import BestState, isolate, rotation
 
 POSITION, YAW, VELOCITY = range(3)
-"""Index of each part of a sample of another source: position of the IMU, heading of base_link, velocity of the IMU."""
+"""Kinds of measurement in a sample of another source; `POSITION`: of the IMU; `YAW`: heading of base_link; `VELOCITY`:
+of the IMU."""
 
 
 @kernel
@@ -185,8 +186,7 @@ def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool
 
 @kernel
 def _fits(state: BestState, z: Array, by: Array, noise: Array) -> bool:
-    """Return True if an innovation is within what its covariance allows: its normalised square (3 degrees of freedom)
-    is below 16.
+    """Return True if the normalised square of an innovation (3 degrees of freedom) is below `FIXED.outlier` = 16.
 
     Args:
         state: of the filter, or one hypothesis, whose error has n numbers.

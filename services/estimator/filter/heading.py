@@ -25,8 +25,8 @@ Feet = NDArray[np.int64]
 def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> None:
     """Learn the rate at which the distance between standing feet changes, in place; a turn of the robot leaves it.
 
-    While the same points of two or more feet stand, their mean square distance m from their middle stays. A standing of
-    t s, `least_stood` or longer, that began with m_0, shows
+    While the same points of two or more feet stand, their mean square distance m from their middle stays. Feet that
+    have stood together for t s, `least_stood` or longer, with m = m_0 at the beginning, show
 
         rate = log(m/m_0)/(2 t),   parting += min(t/T, 1) (rate^2 - parting),   T = `parting_s`
 

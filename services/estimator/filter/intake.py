@@ -38,7 +38,8 @@ from .samples import ROW_Q, ROW_W, after, insert_external, insert_feet, insert_i
 from .state import BestState
 
 NOW_NS, FEET_NS, CONTACT_NS = range(3)
-"""Indices in `Clock.stamps`: newest inertial sample, sample of the feet, and sample in which a foot may have stood."""
+"""Indices in `Clock.stamps`; `NOW_NS`: newest inertial sample; `FEET_NS`: newest sample of the feet; `CONTACT_NS`:
+newest sample in which a foot may have stood."""
 
 
 class Clock(NamedTuple):
@@ -78,7 +79,7 @@ def boxed(parts: FilterParts) -> KernelBox[FilterParts]:
 
 @kernel
 def _steps_back(parts: FilterParts, stamp_ns: int, w: Array, q: Array) -> int:
-    """Return the code of an inertial sample by its stamp among those of the stored ones.
+    """Return the code of an inertial sample by where its stamp lies among the stored samples.
 
     `OK`: the sample is new, a repetition, or fills a gap; `BACKWARD`: it is old and none is missing there; `DUPLICATE`:
     a different sample has its stamp.
@@ -140,7 +141,7 @@ def take_imu(box: KernelBox[FilterParts], stamp_ns: int, w: Array, q: Array, cli
 
 @kernel
 def _shown_late(parts: FilterParts) -> int:
-    """Return how late the motion of the feet has shown their stamps for long enough, ns; 0: it has not.
+    """Return the delay of the stamps of the feet that their motion has shown for long enough, ns; 0: none.
 
     `parts`: of the filter; the stamp since which they are shown late is changed.
     """

@@ -92,7 +92,7 @@ def _along(state: BestState, foot: Feet, f: int, by: Array) -> float:
 
 @kernel
 def _landed(points: Array, foot: Feet, f: int) -> bool:
-    """Return True if foot f has come down and stands firmly, and no ground level was assigned to it yet."""
+    """Return True if foot f stands firmly and has no ground level yet; `points` (K, 11): `BestState.points`."""
     count = 0
     for k in range(foot.size):
         if foot[k] == f and points[k, P.down] > 0.0:

@@ -24,7 +24,7 @@ from .summary import QUAT, YAW, condition, joint_covariance, summary
 FLAGS = ("initialised", "standing", "inputs_ok", "filter_ok", "sensors_ok")
 """Names of the columns of `LogRows.flags`, in order."""
 NAMED = (*LegSensors._fields, "refused", "imu_frozen")
-"""Names of the columns of `LogRows.named`: `LegSensors`, code of the last refusal while it counts, a frozen IMU."""
+"""Names of the columns of `LogRows.named`: fields of `LegSensors`, code of a recent refusal (0 = none), frozen IMU."""
 
 
 class LogInputs(NamedTuple):

@@ -1,4 +1,4 @@
-"""All numbers of the `best` filter: what the sensors bring, what a robot states, and one set of rates for every robot.
+"""All numbers of the `best` filter: noises of sensors, limits of start and rest, and numbers equal for all robots.
 
 `BestNoise` and `BestLimits` depend on sensors and configuration, `FIXED` on nothing.
 """
@@ -117,7 +117,7 @@ class BestLimits(NamedTuple):
 
 
 class BestSetting(NamedTuple):
-    """Geometry, noises and limits of a filter."""
+    """Settings of the `best` filter: contact points and IMU mounting, noises and rates, limits of start and rest."""
 
     geometry: BestGeometry
     noise: BestNoise

@@ -1,7 +1,7 @@
-"""Covariance of the published pose of base_link: that of the filter, and what its noises leave out.
+"""Covariance of the published pose of base_link: that of the filter, and Q for errors that its noises leave out.
 
-Where the excess f of the inertial noise has risen, the structure errs as well. The filter takes the heading from the
-gyro all the same, and its position from the feet; the published covariance of x, y, z and heading psi grows beside it:
+While the excess f, the factor of the inertial noise over that of the sensors, is above 1, legs and trunk bend. The
+filter still takes the heading from the gyro and the position from the feet; so Q, of x, y, z and heading psi, grows:
 
     Q' = F Q F^T + (f^2 - 1) d diag(w^2, w^2, w^2/4, gyro^2),   F: dx = -v_y d dpsi, dy = v_x d dpsi
 

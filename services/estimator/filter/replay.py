@@ -22,9 +22,9 @@ SNAPSHOTS = 3 + WINDOW_NS // SNAPSHOT_NS
 NOTHING = 2**62
 """Value of `Replay.marks[DIRTY_NS]`, ns, while no late sample waits for a replay."""
 IMU_END, FEET_END, DONE_NS, DIRTY_NS, FIRST, COUNT, EXTERNAL_END = range(7)
-"""Indices in `Replay.marks`: number of inertial samples and of samples of the feet; stamp of the last inertial sample
-in the state; oldest stamp of late samples; first snapshot in the ring, and their number; number of samples of another
-source."""
+"""Indices in `Replay.marks`; `IMU_END`, `FEET_END`, `EXTERNAL_END`: number of stored samples of the inertial unit, of
+the feet, of another source; `DONE_NS`: stamp of the last inertial sample in the state; `DIRTY_NS`: oldest stamp of late
+samples; `FIRST`: row of the oldest snapshot in the ring; `COUNT`: number of snapshots in it."""
 
 
 class Replay(NamedTuple):

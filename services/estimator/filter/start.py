@@ -227,9 +227,9 @@ def _up_at_rest(q: Array, samples: SampleStore, foot: int, setting: BestSetting)
 def shown_noise(rows: Array, mean: Array, stated: float) -> float:
     """Return the factor by which the stated noise of a sensor is multiplied, from the noise that a rest shows.
 
-    The noise is not more than `most_noise` = 1.6 times that of the axis which shows most of it, and not less than that
-    of the middle axis if this is above 1.3 times the stated one. Less than `least_noise` = 3 % of it shows steps of the
-    sensor, not its noise: the factor is 1.
+    If the middle axis is above 1.3 times the stated noise, the factor is their ratio; else it is 1.6 (`most_noise`)
+    times the ratio of the noisiest axis to the stated noise, at most 1. If that axis is below 3 % (`least_noise`) of
+    the stated noise, it shows the steps of the sensor, not its noise: the factor is 1.
 
     Args:
         rows: samples of one sensor at rest, (n, 3), rad/s or m/s^2.

@@ -181,10 +181,10 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
 
         s += g (delta/dt - s),   g = gain/(1 + (excess/`most_carried`)^4)
 
-    with delta the mean displacement of its points. The factor of `excess` reduces the gain where the inertial noise
-    exceeds that
-    of the sensor: its error looks like a slide. While two or more feet stand and all of them slide, s is zero: that is
-    an error of the inertial unit. Products of delta/dt and s, and of s and s, are added in the memory of the state.
+    with delta the mean displacement of its points. The gain is smaller where the inertial noise exceeds that of the
+    sensor (excess > 1), because its error looks like a slide. While two or more feet stand and all of them slide, s is
+    zero: that is an error of the inertial unit. Products of delta/dt and s, and of s and s, are added in the memory of
+    the state.
 
     Args:
         state: of the filter, corrected by the sample; slide velocities and memory are changed.

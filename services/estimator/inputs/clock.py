@@ -18,8 +18,9 @@ RESYNC_AFTER = 20
 LARGEST_NS = 2**62
 """Largest stamp that is accepted, ns."""
 NEWEST, KNOWN, OLDER, OLDER_LAST, FAR, FAR_KNOWN = range(6)
-"""Indices in a clock, (6,): newest stamp, ns; 1 if it is known, else 0; number of older stamps in a row; the last of
-these, ns; an unconfirmed stamp far ahead, ns; 1 if there is one, else 0."""
+"""Indices in a clock, (6,); `NEWEST`: newest stamp, ns; `KNOWN`: 1 if it is known, else 0; `OLDER`: number of older
+stamps in a row; `OLDER_LAST`: the last of these, ns; `FAR`: an unconfirmed stamp far ahead, ns; `FAR_KNOWN`: 1 if there
+is one, else 0."""
 CLOCK = 6
 """Length of the array that holds the clock of a source, with parts from `NEWEST` to `FAR_KNOWN`."""
 

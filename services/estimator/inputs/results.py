@@ -29,7 +29,7 @@ class InputResult(StrEnum):
 
     @property
     def accepted(self) -> bool:
-        """True if the sample is used."""
+        """True if the sample was accepted and is used, False if it was refused."""
         return self in (InputResult.OK, InputResult.GAP, InputResult.RESTART, InputResult.STEPPED)
 
 

@@ -104,7 +104,7 @@ class PaperEstimators:
             one.reset(np.array([0.0, 0.0, GRAVITY]), self._wide)
 
     def restart_clock(self) -> None:
-        """Forget feet and velocity, because the stamps begin anew."""
+        """Forget feet and velocity in all estimators, because the stamps of the samples begin anew."""
         self._history.clear()
         self._legs.reset()
         self._stamp_ns = self._feet_ns = self._velocity_ns = 0

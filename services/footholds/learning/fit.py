@@ -1,5 +1,4 @@
-"""Fit of a slip model to samples: bins, terms fitted to their means, and cross-validation of the settings of the
-fit."""
+"""Fit of a slip model to samples: bins, terms fitted to their means, cross-validation of the fit's settings."""
 
 import hashlib
 import math
@@ -24,7 +23,7 @@ Report = Callable[[float], bool]
 
 
 class LearnError(SurefootError):
-    """No model can be learned from the samples, or the job was cancelled."""
+    """Error: no slip model can be learned from the samples, or the learning job was cancelled."""
 
 
 IDENTITY = 12

@@ -30,10 +30,10 @@ class LearnJob:
     """Number of the last job before a reset: models of jobs up to this one are not put into use."""
 
     def answer(self, request: LearnRequest) -> LearnReply:
-        """Start or cancel the job if the request asks for it; return the state of the job.
+        """Start or cancel the learning job as the request's `action` demands; return the state of the job.
 
         Raises:
-            Refusal: start while a job runs, without a file of samples; cancel of nothing.
+            Refusal: a start while a job runs, or without a file of samples; a cancel without a running job.
         """
         running = self._thread is not None and self._thread.is_alive()
         if request.action == "start":

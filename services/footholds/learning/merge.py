@@ -11,7 +11,7 @@ from .fit import Candidate, LearnError, LearnOptions, built
 def merge(a: LearnedModel, b: LearnedModel, weight: float = 1.0) -> LearnedModel:
     """Return the model of both sample sets; fit settings, weight k of the distance and landing error are `a`'s.
 
-    With weight 1 the bins are those of all samples, to the byte; less lets the second set count for less.
+    With weight 1 the bins are those of all samples, to the byte; with a smaller weight the second set counts for less.
 
     Args:
         a: the first, or old, model.

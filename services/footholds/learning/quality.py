@@ -27,7 +27,7 @@ SHARE = 0.8
 
 @dataclass(frozen=True, slots=True)
 class PredictionQuality:
-    """Figures of one slip model on one set of stances (steps of a foot)."""
+    """Quality of one slip model on a set of stances (steps of a foot): rank correlation, warnings, intervals."""
 
     stances: int
     spearman: float
@@ -135,7 +135,7 @@ def auc(score: Array, positive: NDArray[np.bool_]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PredictorFigures:
-    """Figures of one predictor of slip on ground not used for its fit."""
+    """Quality of one predictor of slip on ground not used for its fit: variance explained, ranks, intervals."""
 
     name: str
     r2: float

@@ -1,6 +1,6 @@
 """Re-learning (Walas & Belter 2011, section 3.5): the bins of a model brought up to date by the outcomes of a walk.
 
-Two forms. The paper's, without regard to counts, for bins that both sets have:
+Two forms. That of Walas & Belter, without regard to counts, for bins that both sets have:
 
     r_b <- (r_old + c r_new) / (1 + c),   0 <= c <= 1                                                             (19)
 

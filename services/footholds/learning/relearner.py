@@ -49,7 +49,7 @@ class Relearner:
     """Number of outcomes rejected and of rounds that failed, by reason."""
     _waiting: list[StanceSample] = field(default_factory=list)
     _known: dict[str, None] = field(default_factory=dict)
-    """Trials of the last outcomes accepted, at most 100 000, oldest first; another outcome of one is refused as
+    """Names of the outcomes accepted last, at most 100 000, oldest first; an outcome of a name in it is refused as
     `twice`."""
     _due: int = 0
     _thread: threading.Thread | None = None
@@ -71,7 +71,7 @@ class Relearner:
                 self.taken += 1
 
     def refuse(self, reason: str) -> None:
-        """Count an outcome that re-learning leaves out, under its reason."""
+        """Count one more outcome that re-learning leaves out for this reason, a key of `refused`."""
         self.refused[reason] = self.refused.get(reason, 0) + 1
 
     def chosen(self, model: LearnedModel | None) -> LearnedModel | None:

@@ -98,7 +98,7 @@ class StanceSample:
 
 @dataclass(frozen=True, eq=False)
 class SampleSet:
-    """Samples of stances as arrays, a row each."""
+    """Samples of stances as arrays for learning, one row for each stance."""
 
     x: Array
     """Ground of each stance on the axes of the lattice: K1 / K2, K2 / (8 cell), cos K3, (n, 3), no unit."""
@@ -177,7 +177,7 @@ def line_of(sample: StanceSample) -> str:
 
 
 def end_of(trial: str, count: int) -> str:
-    """Return the line that completes a trial of `count` samples."""
+    """Return the line of a sample file that marks a trial of `count` samples as complete."""
     return json.dumps({"end": trial, "samples": count})
 
 

@@ -47,7 +47,7 @@ Rows = Annotated[list[Triple], Field(max_length=MAX_TERMS)]
 
 
 class ModelError(SurefootError):
-    """A model file that cannot be used."""
+    """Error for a slip model file that cannot be used."""
 
 
 class _FilePart(BaseModel):

@@ -27,7 +27,7 @@ LARGEST = 20.0
 
 
 class LatticeError(InvalidField):
-    """Lattice that cannot be; `field` names the wrong part."""
+    """Error for a lattice of bins with impossible numbers; `field` names the wrong part."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Bin:
 
     @property
     def m2(self) -> float:
-        """Sum of squared deviations of the bin's slips from their mean."""
+        """Sum of squared deviations of the bin's slips per stroke from their mean, no unit."""
         return max(0.0, (self.squares * UNIT * UNIT) - self.total * UNIT * self.mean)
 
     @property
@@ -85,7 +85,7 @@ class Bin:
 
     @property
     def sd(self) -> float:
-        """Standard deviation of the slip, NaN for one sample."""
+        """Standard deviation of the slip per stroke of the bin's samples, no unit; NaN for one sample."""
         return float(np.sqrt(self.m2 / (self.count - 1.0))) if self.count > 1.0 else float("nan")
 
 
@@ -130,7 +130,7 @@ def filled(lattice: Lattice, x: Array, r: Array) -> dict[Key, Bin]:
 
 
 def merged(a: Bins, b: Bins, weight: float = 1.0) -> dict[Key, Bin]:
-    """Return both sets of bins together: the counted form of re-learning.
+    """Return the union of two sets of bins in which each sample keeps its weight (counted form of re-learning).
 
         r <- (N_old r_old + c N_new r_new) / (N_old + c N_new),   N <- N_old + c N_new
 
@@ -155,8 +155,8 @@ def merged(a: Bins, b: Bins, weight: float = 1.0) -> dict[Key, Bin]:
 def faded(a: Bins, b: Bins, c: float) -> dict[Key, Bin]:
     """Return re-learned bins by (19) of Walas & Belter: r <- (r_old + c r_new) / (1 + c), without regard to counts.
 
-    r: mean slip of a bin. Bins of the old set only stay, those of the new set only are added. Counts of bins that both
-    have are those of the old set.
+    r: mean slip of a bin. Bins that only one set has are taken as they are. Counts of bins that both sets have are
+    those of the old set.
 
     Args:
         a: the old bins, by index on the lattice.

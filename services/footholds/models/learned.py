@@ -97,15 +97,15 @@ class LearnedModel:
     lattice: Lattice
     bins: dict[Key, Bin]
     ranges: tuple[tuple[float, float], ...]
-    """Smallest and largest K1 / (8 cell), K2 / (8 cell) and cos K3 of the samples, no unit; P is not predicted
+    """Smallest and largest K1 / (8 cell), K2 / (8 cell) and cos K3 of the samples, no unit; the slip P is not predicted
     outside."""
     distance_weight: float
     landing_error: float
     support: int = 0
     """Number of samples that a cell's bin needs for a prediction; 0: a cell only has to lie in `ranges`."""
     relief: bool = False
-    """True: coefficients come from fitted planes, and P blends into the rule `base` where samples are few; False: from
-    3 x 3 cells."""
+    """True: coefficients come from fitted planes, and the slip blends into the rule `base` where samples are few;
+    False: coefficients come from 3 x 3 cells."""
     enough: float = math.inf
     """Number of samples near a point at which terms and simple rule have equal weights; infinite: the rule alone."""
     base: tuple[float, ...] = ()
@@ -120,7 +120,7 @@ class LearnedModel:
 
     @property
     def name(self) -> str:
-        """Name and number of samples, and of rounds of re-learning."""
+        """Name of the model: title/samples, with +rounds once it was learned again while walking."""
         rounds = round(self.choice.get(ROUNDS, 0.0))
         return f"{self.title}/{self.size}{f'+{rounds}' * (rounds > 0)}"
 

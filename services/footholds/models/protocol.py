@@ -14,7 +14,7 @@ class SlipModel(Protocol):
 
     @property
     def name(self) -> str:
-        """Name and version, as in every reply."""
+        """Name and version of the slip model, as replies of the service state it."""
         ...
 
     @property
@@ -66,7 +66,7 @@ class SlipModel(Protocol):
         ...
 
     def support_of(self, features: Features, cell: float) -> Layer:
-        """Return the share, 0 to 1, of P that was learned from similar steps, (ny, nx) float32; NaN where P is.
+        """Return the share, 0 to 1, of the slip P that was learned from similar steps, (ny, nx) float32; NaN = no P.
 
         `features`: ground coefficients K1 (m), K2 (m), cos K3, (ny, nx) each; `cell`: edge of a cell, m.
         """

@@ -6,7 +6,7 @@ cell, no unit), s(x) = x / (1 + x), c = cos K3 and (x)+ = max(x, 0),
     P = flat + peak s(a - dead)+ - hole s(-a - dead)+ + rough s(b - |a| - dead)+ + face (c)+ - lean (-c)+,
 
 clipped to [0, 1]. b - |a| is what neither peak nor hole explains: slopes, edges in profile, broken ground. The order
-is the paper's (Figs. 8-9) and that of single-foot trials: holes < flat < slopes < ridges and peaks. The weights were
+is that of Walas & Belter (Figs. 8-9) and of single-foot trials: holes < flat < slopes < ridges, peaks. The weights were
 compared by walks over the demo's ground; with a map of 3 mm noise the feet slid per stance, nominal / selected, mm:
 demo 0.31 / 0.25 (10 seeds), demo of 8.7 cm 0.60 / 0.45, and on ground not used for the comparison rough of 4 cm
 1.08 / 0.53, flagstones of 6 cm 1.19 / 0.95 (6 seeds each; `python -m benchmarks foothold_walks scores`, with and
@@ -76,8 +76,8 @@ class HandScore(AnywhereModel):
     """Weight of slopes in any direction and of broken ground: stances on the steepest fourth slid twice as far as on
     flat ground."""
     dead: float = 0.15
-    """Dead zone of convexity and roughness, no unit, taken for map noise: 3 mm of noise per cell leave about this much
-    of a and b after the median filter."""
+    """Convexity and roughness, no unit, up to which they count as map noise: 3 mm of noise per cell leave about this
+    much after the median filter."""
 
     def __post_init__(self) -> None:
         for field, value in zip(fields(self), astuple(self), strict=True):
@@ -86,7 +86,7 @@ class HandScore(AnywhereModel):
 
     @property
     def name(self) -> str:
-        """Name and version of the formula."""
+        """Name and version of the hand-made slip formula, as replies state it."""
         return "hand-made/1"
 
     @property

@@ -4,6 +4,6 @@ from pathlib import Path
 
 
 def shipped(robot: str) -> Path | None:
-    """Return the file of the model that comes with a robot, None if there is none."""
+    """Return the path of the slip model file that is shipped for a robot, by its name; None if there is none."""
     path = Path(__file__).parent / "shipped" / f"{robot}.json"
     return path if robot.isidentifier() and path.is_file() else None

@@ -145,13 +145,14 @@ class LostState:
     misfit: float = 0.0
     """Probability that the map does not fit the floor, or that the covariance is smaller than the pose's errors."""
     recent: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0))
-    """Recent detections in the gate, only like landmarks outside it, unlike any; older ones count less."""
+    """Number of recent detections in the gate, only like landmarks outside it, unlike any; older ones count less."""
     missed: float = 0.0
     """Number of landmarks that were expected recently and not recognised; older ones count less."""
     apart: float = 0.0
     """Time since the last frame of detections, s."""
     usual: Shares = (0.0, 0.0, 0.0)
-    """Detections of a right pose in the gate, only like landmarks outside it, unlike any; older ones count less."""
+    """Number of detections, while the pose counted as right, in the gate, only like landmarks outside it, unlike any;
+    older ones count less."""
     echo: tuple[float, float] = (0.0, math.inf)
     """Log likelihood ratio of "displaced" over "right" by the ranger echoes so far, nats, bounded; time since the last
     counted echo, s."""
@@ -304,7 +305,7 @@ def shares_of(state: LostState, model: LostModel) -> Shares:
 
 
 def _counted(state: LostState, frame: FrameEvidence, model: LostModel) -> Shares:
-    """Return the counts here, elsewhere, strange of a right pose after a frame; unchanged if the pose may be wrong."""
+    """Return `usual` of `LostState` after one more frame of detections; unchanged if the pose may be wrong."""
     if state.probability > model.sure:
         return state.usual
     here, away, strange = state.usual

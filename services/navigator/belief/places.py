@@ -67,7 +67,7 @@ class Assignment(NamedTuple):
 
 
 class PlaceList(NamedTuple):
-    """The best places found so far in the search for a lost robot's pose."""
+    """List of the best candidate poses found so far in the search for a lost robot's pose."""
 
     places: Array
     """Candidate poses, one a row, (p, 14): pose, log evidence, number of explained sightings, covariance.

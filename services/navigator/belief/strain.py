@@ -41,8 +41,8 @@ from .ukf import Pose
 Turn = tuple[float, float, float]
 
 STRAIN, TURN, COMMON, POSE, STATES = 0, 3, 6, 9, 12
-"""Index in the state u of the first element of map strain, of camera turn, of the fading errors and of the pose;
-`STATES`: length of u."""
+"""Index of the first element of a part of the state u; `STRAIN`: map strain; `TURN`: camera turn; `COMMON`: fading
+errors; `POSE`: pose; `STATES`: length of u."""
 RIGHT, STRAINED, TILTED, ASIDE, DISPLACED = 0, 1, 2, 3, 4
 NOTABLE = 2.0
 """Least camera turn that is corrected, in standard deviations of an aligned camera; a smaller one is left."""

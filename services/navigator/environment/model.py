@@ -101,6 +101,6 @@ def episode_state(world: Arrays, *count: int) -> EpisodeState:
 
 
 def episode_room(states: int) -> EpisodeRoom:
-    """Return scratch of an episode for a filter with a number of states."""
+    """Return the scratch arrays of a simulated episode for a filter of `states` states."""
     work = np.zeros((max(3 * states, IN_VIEW), max(states, 4) + 1))
     return EpisodeRoom(np.zeros(4), np.zeros((2, max(0, states - NUISANCE))), work)

@@ -1,7 +1,7 @@
 """Simulated world of an episode as kernels: landmarks, motion with drift and noise, frames, walls, goal, belief.
 
 The arrays of an episode are changed in place. The policy sees the belief and whether the robot is blocked; the truth
-decides about walls, landmarks in view and the arrival at the goal, as in Osswald et al..
+decides about walls, landmarks in view and the arrival at the goal, as in Osswald et al.
 """
 
 import math

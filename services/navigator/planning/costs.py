@@ -25,7 +25,7 @@ searches; they take 16 bytes a cell, and about a second to make for four million
 MARKS = 4
 """Number of marks, i.e. cells with stored costs to all others, in a large map."""
 FARTHEST_CLEARANCE = 1e3
-"""Largest distance from obstacles that a configuration may ask for, m."""
+"""Largest distance from obstacles that a configuration may require, m; a larger one is refused."""
 WIDEST = 200
 """Largest width, in cells, of the zone of raised costs around an obstacle; more is refused as a wrong unit."""
 

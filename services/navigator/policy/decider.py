@@ -182,7 +182,7 @@ def planner_numbers(world: Arrays) -> Array:
     and the weight of what a stand (pause for the camera) gains; the rest is 0. Averaging over the full belief turns too
     late, because each value supposes that the pose is known after one action. A stand serves more than the next
     decision: more so on arcs, and most where switching makes stands rare. They were chosen on random stream 1 with the
-    paper's robot, drift 0 to 8 deg, normal and blurred.
+    robot of Osswald et al., drift 0 to 8 deg, normal and blurred.
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.8, 2.0

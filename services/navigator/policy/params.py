@@ -99,7 +99,7 @@ class SightModel(ModelPart):
 
 
 class ActionModel(ModelPart):
-    """Action of the robot: motion, duration, camera frames and noise."""
+    """Action that a policy may choose: motion, duration, camera frames and noise."""
 
     kind: Kind = Field(description="stand, turn on the spot, or walk (straight or on an arc)")
     forward: float = Field(default=0.0, ge=0, le=1, description="m")

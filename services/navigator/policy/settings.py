@@ -12,7 +12,7 @@ NotNegative = Annotated[float, Field(ge=0)]
 
 
 class ModelPart(Strict):
-    """Part of a navigation model; immutable."""
+    """Base of the parts of a navigation model: immutable, unknown keys and numbers that are not finite are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

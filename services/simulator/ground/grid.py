@@ -17,7 +17,7 @@ CORRIDOR = 0.25  # m, half the width of the lane in which hills are scaled to th
 
 @dataclass(frozen=True, eq=False)
 class TerrainBox:
-    """One solid box of the ground."""
+    """Solid box that is part of the ground, placed and turned in frame `map`."""
 
     position: tuple[float, float, float]
     """Centre of the box, (x, y, z) m, frame `map`."""

@@ -107,7 +107,7 @@ def _stones(grid: TerrainGrid, seed: int, amp: float, hills: _Hills) -> tuple[Te
 
 
 def _number(grid: TerrainGrid, density: float) -> int:
-    """Return the number of things of a density (1/m2) on the part of the grid behind the pad at the start."""
+    """Return the number of objects of a density, 1/m^2, on the part of the grid behind the pad at the start."""
     end, half = _extent(grid)
     return round(density * max(0.0, end - PAD_END) * 2.0 * half)
 

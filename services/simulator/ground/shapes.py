@@ -220,7 +220,7 @@ def walls(outline: Outline, height: float) -> tuple[TerrainBox, ...]:
 
 
 def _walled(outline: Outline) -> Callable[[ShapeSpec], Shape]:
-    """Return the maker of a level floor between walls of height `amp`."""
+    """Return a function that makes a level floor of this outline between walls of height `ShapeSpec.amp`, m."""
 
     def make(r: ShapeSpec) -> Shape:
         floor = np.where(inside(outline, *r.grid.axes()), 0.0, r.amp)

@@ -10,8 +10,7 @@ COMMAND_SLACK = 1e-6  # rad, rounding of a command at the limit
 
 
 class CommandGuard:
-    """Check of joint commands against the joint limits (nj,), rad, which refuses those that the servos must not
-    follow."""
+    """Check of joint commands against the joint limits `lower` and `upper`, (nj,) rad, widened by a small slack."""
 
     def __init__(self, lower: Array, upper: Array) -> None:
         self._lower: list[float] = (lower - COMMAND_SLACK).tolist()  # plain floats: quicker than numpy for a few joints

@@ -36,7 +36,7 @@ class FaultError(InvalidField):
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault, active in the ticks start <= tick < end."""
+    """Fault of a sensor, servo, camera or packet line, active in control ticks start_tick <= tick < end_tick."""
 
     kind: str
     start_tick: int
@@ -53,11 +53,11 @@ class Fault:
 
     @property
     def end_tick(self) -> int:
-        """First tick without the fault."""
+        """First control tick at which the fault is over: start and duration, at least one tick."""
         return self.start_tick + max(1, round(self.duration / TICK_S))
 
     def active(self, tick: int) -> bool:
-        """Return True if the fault is on in this tick."""
+        """Return True if the fault is active in control tick `tick`."""
         return self.start_tick <= tick < self.end_tick
 
 

@@ -77,7 +77,7 @@ class Detection(NamedTuple):
 
 
 class CameraFrame(NamedTuple):
-    """Landmarks that the camera recognised in one image."""
+    """Landmarks, and the marker of the goal if seen, that the camera recognised in one image."""
 
     seq: int
     landmarks: list[Detection]
@@ -85,7 +85,7 @@ class CameraFrame(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Sample of ultrasound and bumpers."""
+    """Sample of the ultrasonic sensor and the bumpers: distance of the nearest echo, and feet that touched a wall."""
 
     seq: int
     distance: float | None

@@ -1,7 +1,7 @@
 """Exact contact forces, sliding and displacement of the feet, and falls: for reports, never for the robot.
 
-A foot stands in a physics step while its normal force is at least `GATE_N`. Sliding is the way of the material point
-at the contact, in the ground plane, integrated over those steps:
+A foot stands in a physics step while its normal force is at least `GATE_N`. Sliding is the length of the path of the
+material point at the contact, in the ground plane, integrated over those steps:
 
     s += |(1 - n n') (v_c + w x (-r n))| dt
 
@@ -66,7 +66,7 @@ _feet_of = kernel(feet_of)
 
 
 class Contacts(NamedTuple):
-    """Contacts of a physics step as MuJoCo holds them, C of them."""
+    """The C contacts between geoms in one physics step, as arrays of MuJoCo: geoms, axes, places and forces."""
 
     geom: NDArray[np.int32]  # (C, 2)
     frame: Array  # (C, 9) normal from the first geom to the second, then two tangents
@@ -76,7 +76,7 @@ class Contacts(NamedTuple):
 
 
 class GeomRoles(NamedTuple):
-    """Roles of the geoms of a model: P spheres of the feet, and belly."""
+    """Roles of the geoms of a MuJoCo model: which are one of the P foot spheres, of which foot, and which are belly."""
 
     sphere_of_geom: Ints  # (ngeom,) -1 = no sphere of a foot
     foot_of_sphere: Ints  # (P,)
@@ -84,7 +84,7 @@ class GeomRoles(NamedTuple):
 
 
 class FootBodies(NamedTuple):
-    """Places of the feet in the links that carry them."""
+    """Body, centre (m, axes of the body) and radius (m) of each of L feet, for kernels."""
 
     body: Ints  # (L,) body ids
     local: Array  # (L, 3) m, foot centre in the link
@@ -361,7 +361,7 @@ def _feet_at_rest(n: int) -> tuple[Array, Ints]:
 
 
 def rehearse() -> None:
-    """Call every kernel once with made-up arguments, so that it is loaded."""
+    """Call every kernel of this module once with made-up arguments, so that none is loaded in a tick."""
     one, three = np.zeros(1, dtype=np.int64), np.zeros((1, 3))
     zeros, flags, contact = np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros((1, 6))
     none = np.zeros((0, 3))

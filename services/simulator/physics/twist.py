@@ -10,8 +10,7 @@ from surefoot.arrays import Array
 
 
 class TwistTracker:
-    """Tracker of the turn of each sole about the vertical since its touch-down, rad; only for robots whose feet are
-    soles.
+    """Tracker of the turn of each sole about the vertical since its touch-down, rad; only for feet with soles.
 
     Args:
         bodies: MuJoCo ids of the bodies of the feet, (L,).
@@ -50,6 +49,6 @@ class TwistTracker:
         return {name: getattr(self, name).tolist() for name in ("start", "twist", "last", "standing")}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set all arrays to values that were returned for a checkpoint earlier."""
+        """Set the turns of the soles, and which of them stand, to a `state` that was returned earlier."""
         for name, values in state.items():
             getattr(self, name)[:] = values

@@ -54,7 +54,7 @@ def read_depth_camera(name: str) -> DepthCamera:
 
 
 class DepthFrame(NamedTuple):
-    """One image of a depth camera."""
+    """Image of a depth camera: its sequence number and the depth of each pixel."""
 
     seq: int
     depths: NDArray[np.float32]

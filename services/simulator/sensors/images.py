@@ -281,7 +281,7 @@ def jpeg(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def rehearse() -> None:
-    """Call the kernel once with made-up arguments, so that it is loaded."""
+    """Call the kernel `expose` once with made-up arguments, so that it is not loaded in a tick."""
     levels = np.array([[4 * i, 2, 2] for i in range(LEVELS)], dtype=np.int64)
     texture = Texture(np.zeros(4 * LEVELS, np.uint8), levels, np.array([0.0, 0.0, 1.0, 1.0]))
     poses = np.tile(np.array([0, 0, 1.0, 1, 0, 0, 0, -1, 0, 0, 0, -1]), (2, 1))

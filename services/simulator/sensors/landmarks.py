@@ -70,14 +70,14 @@ class Camera:
 
 
 class Landmarks(NamedTuple):
-    """Points on the floor, frame map."""
+    """Landmarks on the floor: positions (n, 2) m, frame map, and descriptors (n, k), unit vectors."""
 
     position: Array  # (n, 2) m
     descriptor: Array  # (n, DESCRIPTOR) unit vectors
 
 
 class Spot(NamedTuple):
-    """Point of the floor that is in an image, in camera axes."""
+    """Point of the floor that an image shows: its place in the map and in camera axes, and how sharp it is."""
 
     point: Array  # (2,) m, map
     local: Array  # (3,) m, camera axes

@@ -40,11 +40,11 @@ class NormalStream:
         return self.block[self.row - 1]
 
     def state(self) -> dict[str, Any]:
-        """Return the position of the stream; plain JSON values."""
+        """Return the state of the generator and the row in the present block, as plain JSON values."""
         return {"start": self.start, "row": self.row}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Set the position of the stream to a `state` that was returned earlier."""
+        """Set generator and row in the block to a `state` that was returned earlier."""
         self.rng.bit_generator.state = state["start"]
         self._fill()
         self.row = int(state["row"])
@@ -241,7 +241,7 @@ class FootSensor:
 
 
 def rehearse() -> None:
-    """Call every kernel once with made-up arguments, so that it is loaded."""
+    """Call every kernel of the sensor models once with made-up arguments, so that none is loaded in a tick."""
     acc, one = np.zeros((1, 3)), np.zeros(1)
     window_mean(acc, acc)
     _imu(acc, acc, np.zeros(6), np.zeros(6), np.zeros(12), np.ones((5, 6)), np.zeros(6))

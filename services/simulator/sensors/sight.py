@@ -67,7 +67,7 @@ def sight_of(
     """Return camera, depth camera and ranger of a robot; None if it has none of them.
 
     Args:
-        robot: names its camera and its ranger.
+        robot: description, which names the robot's camera and ranger.
         seed: of the run.
         floor: landmarks and marker on it.
         terrain: the ground.
@@ -87,7 +87,7 @@ class Senses:
     """Camera, depth camera, ultrasound and bumpers of one robot, with the samples of the present tick.
 
     Args:
-        robot: names its camera and its ranger, or one of them.
+        robot: description, which names the robot's camera, its ranger, or both.
         seed: of the run: where the landmarks are, what is recognised, noise.
         floor: landmarks, marker and texture on the floor.
         terrain: the ground: landmarks lie on its floor, on open ground as far as its map reaches, 10 x 10 m at least.

@@ -28,7 +28,7 @@ SAME = 1e-13  # support points nearer than that are one point
 
 
 class Fan(NamedTuple):
-    """Solved directions a of a region C: support values h(a), points and forces in the order asked, scaled lengths."""
+    """Solved directions a of a region: support values h(a), points and forces, in order of request, scaled frame."""
 
     direction: Array  # (cap, 2) unit
     value: Array  # (cap,) h(a)
@@ -41,8 +41,8 @@ class Fan(NamedTuple):
 
 
 ANSWER, ENCLOSE, APPROACH = 0, 1, 2
-"""Kinds of goals: `ANSWER` what is asked; `ENCLOSE`: outer polygon close to inner; `APPROACH`: edge nearest to a
-point."""
+"""Kinds of goals: `ANSWER`: the given directions only; `ENCLOSE`: outer polygon close to inner; `APPROACH`: edge
+nearest to a point."""
 
 
 class FanGoal(NamedTuple):
@@ -311,8 +311,9 @@ def heights(fan: Fan, count: int) -> Array:
 
 @row_kernel
 def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
-    """Return True if the smallest h(a) - a'p is as close to its lower bound, in `outlook`, as the solver is exact.
+    """Return True if the margin of a point p is as close to its lower bound, in `outlook`, as the solver is exact.
 
+    The margin is the smallest h(a) - a'p over unit directions a, with h(a) the support value of the region.
     True also where the fan is full, with `count` answers (the middle of a circle: all directions are equally near).
     """
     if count == fan.value.size:
@@ -327,7 +328,7 @@ def settled(fan: Fan, count: int, outlook: Outlook) -> bool:
 def explore(
     r: Reduced, fan: Fan, solved: int, count: int, goal: FanGoal, limit: int, batch: int
 ) -> tuple[int, bool, Outlook]:
-    """Answer the directions of a fan, then those that a goal asks for. The only kernel that contains the solver.
+    """Solve for the directions of a fan, then for those that a goal requires; the only kernel with the solver.
 
     Args:
         r: cone programs of the contact set.
@@ -367,7 +368,7 @@ def explore(
 def enclose(
     r: Reduced, fan: Fan, solved: int, count: int, goal: FanGoal, limit: int, batch: int
 ) -> tuple[int, bool, float, Array, Array]:
-    """Answer `count` directions of a fan, of which `solved` are, and those a goal asks for; return the polygons.
+    """Solve for `count` directions of a fan, `solved` of which are, and those a goal requires; return the polygons.
 
     At most `limit` directions are answered, `batch` at once. ENCLOSE adds points beyond edges to the inner polygon.
     Returned are the number of answers, True if the region has an area, `best` of the outlook (ENCLOSE: largest height

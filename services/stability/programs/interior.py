@@ -175,7 +175,8 @@ def _start_near(a: Array, lam: Array, x: Array, w: Array, g: Array, share: float
 def _residuals(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
     """Write RES = s - A lam + b tau, RESIDUAL = c tau - A'x, GAP = kappa + c'lam - b'x, MU = mean complementarity.
 
-    They are rows of w (contacts) and g (programs), layout in `lanes.py`; a (n, 3, m) = A, c (m,) the objective.
+    x forces, s dual slack, lam virtual twist, b right-hand side, tau and kappa of the embedding, and what is written:
+    rows of w (contacts) or g (programs), layout in `lanes.py`; a (n, 3, m) = A; c (m,): objective.
     """
     n, m = a.shape[0], c.size
     for k in range(lanes):
@@ -306,7 +307,7 @@ def _save(m: int, w: Array, g: Array, k: int, factor_: float, lam: Array, x: Arr
 
 @row_kernel
 def _factorise(a: Array, c: Array, w: Array, g: Array, lanes: int) -> None:
-    """Scale, factor M = A'W^-2 A, and solve for the part of the step that is proportional to dtau (P2, SECOND, DEN).
+    """Scale by W (Nesterov-Todd), factor M = A'W^-2 A, solve for the part of the step along dtau (P2, SECOND, DEN).
 
     They are rows of w (contacts) and g (programs), layout in `lanes.py`; a (n, 3, m) = A, c (m,) the objective.
     """

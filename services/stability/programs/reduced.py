@@ -1,6 +1,7 @@
 """The reduced programs of a contact set: matrices shared by all directions.
 
-Forces in units of the weight, f_i = B_i D_i x_i with B_i = [n t1 t2], D_i = diag(1, mu, mu) / sqrt(1 + mu^2), x_i in Q.
+Forces in units of the weight, f_i = B_i D_i x_i with B_i = [n t1 t2] (normal and two tangents), D_i = diag(1, mu, mu) /
+sqrt(1 + mu^2), x_i in the second-order cone Q.
 For a column b of B_i D_i at r = (x, y, z):
 
     a_i[k] = (b_x, b_y, b_z, x b_y - y b_x)       balance of forces and of the yaw moment

@@ -1,1 +1,1 @@
-"""Where the CoM may be: regions, margins to their border, many at once, and the forces that hold it."""
+"""Regions in which the contacts hold the CoM, margins to their border, many sets at once, and the forces."""

@@ -68,7 +68,7 @@ class Solved:
     anchor: Array
     """Origin of the scaled frame, (2,) m: position = anchor + length * scaled."""
     drift: Array | None = None
-    """Gain of free tangential forces per unit direction, (2 j, 2), j such contacts; not 0 = no bound; None = none."""
+    """Shift of the CoM by free tangential forces of j contacts, (2 j, 2): no bound where it is not 0; None: no such."""
     plane: Plane | None = None
     """Map from the leaning frame of the programs to the level plane of the region; None: their frames are equal."""
 

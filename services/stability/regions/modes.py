@@ -193,9 +193,9 @@ class Leaning:
         )
 
     def _twist(self, twist: Array, a: Array) -> Array:
-        """Return the twist (v m, Om), (6,), world axes, of a leaning one (v m, w_z), (4,), and its direction a (2,).
+        """Return the twist (v m, Om), (6,), world axes, from a twist (v m, w_z), (4,), and direction a (2,), leaning.
 
-        The turn of the leaning twist is (-a_y, a_x, w_z).
+        In the leaning frame the turn of the twist is (-a_y, a_x, w_z).
         """
         spin = np.array([-a[1], a[0], twist[3]])
         return np.concatenate((product(self.rot.T, twist[:3]), product(self.rot.T, spin)))

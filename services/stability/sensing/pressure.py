@@ -1,4 +1,4 @@
-"""Force-sensing resistors under the feet: the direct way to stance forces (Walas & Belter 4.5, Fig. 18).
+"""Force-sensing resistors under the feet, which measure stance forces directly (Walas & Belter 4.5, Fig. 18).
 
 The resistance falls with the force as a power law; with a fixed resistor it divides the supply voltage:
 

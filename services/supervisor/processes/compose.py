@@ -31,7 +31,7 @@ _RESTART = re.compile(r"(no|always|on-failure|unless-stopped)|on-failure:(1000|[
 
 
 class ComposeError(FileError):
-    """Error of a compose file that is missing, invalid or asks for something that is not supported."""
+    """Error of a compose file that is missing, invalid or requires something that is not supported."""
 
 
 def _seconds(value: object) -> float:
@@ -158,7 +158,7 @@ class ServiceTable(ComposeModel):
 
 
 class ComposeFile(ComposeModel):
-    """A compose file, `compose/<name>.yaml`."""
+    """Content of a compose file, `compose/<name>.yaml`: name of the system, and its services."""
 
     name: ServiceName = Field("", description="name of the system [that of the file]")
     services: dict[ServiceName, ServiceTable]

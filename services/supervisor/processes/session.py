@@ -125,7 +125,7 @@ class Session:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop all processes, close the session, give the run folder back."""
+        """Stop all processes, close the session, release the run folder."""
         self._close()
 
     def _close(self) -> None:

@@ -178,7 +178,7 @@ class System:
             process.kill()
 
     def rows(self) -> tuple[ServiceStatus, ...]:
-        """Return the table of `surefoot status`."""
+        """Return the rows of `surefoot status`: state, process id and restarts of each service."""
         return tuple(self._row(name) for name in self._services)
 
     def _row(self, name: str) -> ServiceStatus:

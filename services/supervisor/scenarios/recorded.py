@@ -21,7 +21,8 @@ from .limits import LIMITS
 from .scenario import COMMANDS, Scenario, ScenarioError
 
 RUN, SCENARIO, VERSIONS, FILES = "run", "scenario", "versions", "files"
-"""Names of the metadata tables of a recording; those of table `files`, path by name, are attached instead."""
+"""Names of the metadata tables of a recording: facts on the run, scenario, versions of the software, attached files;
+the files that `FILES` lists, path by name, are attached to the recording instead of stored as metadata."""
 LARGEST = 96 * 1024
 """Largest scenario that is recorded, bytes; an environment variable holds no more than 128 kB."""
 _COMPUTING = ("numpy", "numba", "mujoco", "clarabel", "pydantic")

@@ -128,7 +128,7 @@ class BipedWalker:
                 self._stand()
 
     def kept(self) -> WalkMemory:
-        """Return the state that a restart must not lose; a step that is not finished counts as not begun."""
+        """Return the command, route and offset to resume after a restart; an unfinished step counts as not begun."""
         s = self.state
         if s.late is not None:
             walking = s.late.route is not None
@@ -273,7 +273,7 @@ class BipedWalker:
         return upcoming(s.route, now, self.params, self.width, s.scale, s.gain, ticks)
 
     def _pause(self) -> None:
-        """Keep the rest of the walk for later, without an estimate: only the feet are closed until it is back."""
+        """Store the remaining walk while the estimate is stale: the feet are closed until a newer estimate comes."""
         s = self.state
         if s.route is not None and not s.route.finished:
             s.paused, s.reason = s.route, STALE

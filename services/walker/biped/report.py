@@ -1,4 +1,4 @@
-"""Outputs of the biped walker in a tick."""
+"""Conversion of the biped walker's state to its outputs in a control tick: set-points, feet, progress, reasons."""
 
 import math
 

@@ -12,7 +12,7 @@ from .route import BipedRoute, Footstep
 
 
 class Mode(Enum):
-    """Stage of the motion of a biped's legs."""
+    """Stage of a biped's motion, from waiting for joints over standing and stepping to folding and fallen."""
 
     WAIT = "wait"  # no joint sample yet
     RISE = "rise"  # from the measured joints to the stance

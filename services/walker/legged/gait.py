@@ -103,7 +103,7 @@ class LeggedWalker:
         return self.state.walk_id
 
     def kept(self) -> WalkMemory:
-        """Return the state that a restart of the walker must not lose."""
+        """Return the command with its start, and the offset of odom, from which a restarted walker resumes."""
         s, route = self.state, self.state.route
         if route is None:
             return WalkMemory(s.walk_id, None, None, None, s.offset)

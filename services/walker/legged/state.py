@@ -13,7 +13,7 @@ from .route import LeggedRoute
 
 
 class Stage(Enum):
-    """Stage of the motion of the legs of a robot with four or six."""
+    """Stage of the motion of a robot with four or six legs: waiting for joints, feet down, standing, stepping."""
 
     WAIT = "wait"  # no joint sample yet
     SETTLE = "settle"  # bringing every foot to the ground

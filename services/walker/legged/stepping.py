@@ -112,8 +112,8 @@ def _seek(state: WalkerState, robot: Robot, plan: StepPlan, landed: Flags, way: 
 def bear(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
     """Lower standing feet without contact over `dt` s, by `search_m` in all at most; return True if any is lowered.
 
-    None is while fewer than three others touch: a robot that is lifted has no ground below its feet. `state` is
-    changed.
+    No foot is lowered while fewer than three others touch: a robot that is lifted has no ground below its feet. `state`
+    is changed.
     """
     s = state
     if s.fresh:

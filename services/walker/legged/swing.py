@@ -203,7 +203,7 @@ def window(shape: SwingShape, p0: Array, p1: Array, top: float, ground: Array, m
 
 
 class SwingPaths(NamedTuple):
-    """Paths of all feet in a step; L feet, frame map."""
+    """Swing paths of the L feet in a step: which swing, from where to where, top height and phases; frame map."""
 
     shape: SwingShape
     swinging: NDArray[np.bool_]  # (L,)
