@@ -135,6 +135,11 @@ def new_digits() -> bytes:
     return b"%d" % secrets.randbelow(10 ** (MOST_DIGITS - 1))
 
 
+def as_digits(given: str) -> bytes:
+    """Return the digits that a query carries, empty if it carries none or something else, as strangers may send."""
+    return given.encode() if given.isascii() and given.isdigit() and len(given) <= MOST_DIGITS else b""
+
+
 class Asked(NamedTuple):
     """Query on whose content the seal of its answer depends, as its sender sent it or as its server received it."""
 

@@ -26,7 +26,7 @@ from surefoot.bus.options import reading_threads, why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import LARGE, WAITING, Replies
-from surefoot.bus.seals import ASKED, MOST_DIGITS, Asked, Guard, Sealed, born_ms, sealed_name, without_seal
+from surefoot.bus.seals import ASKED, Asked, Guard, Sealed, as_digits, born_ms, sealed_name, without_seal
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Request, Wire
@@ -97,8 +97,7 @@ class ZenohIncoming:
         self._send(lambda q: q.reply(self._key, payload, encoding=encoding, attachment=sealed))
 
     def _seal(self, payload: bytes, attachment: bytes | None) -> bytes:
-        digits = str(self._asked.parameters.get(ASKED, "")).encode()[:MOST_DIGITS]
-        request = self._asked.payload
+        request, digits = self._asked.payload, as_digits(str(self._asked.parameters.get(ASKED, "")))
         asked = Asked(self._key, digits, b"" if request is None else request.to_bytes(), self._attachment)
         return asked.seal(self._secret, payload, attachment)
 

@@ -21,7 +21,7 @@ from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
 from surefoot.state import secret_of
 from tests.ports import free_address
 from tests.surefoot.expect import expect_error
-from tests.surefoot.net import Net, reached, serve, wait_until
+from tests.surefoot.net import Net, own, reached, serve, wait_until
 
 SECRET, OTHER = "0123456789abcdef" * 2, "fedcba9876543210" * 2
 REQUEST = RegionRequest(contacts=(), directions=16)
@@ -143,6 +143,24 @@ def test_a_seal_holds_for_one_answer_to_one_question(answer: bytes, attachment: 
         assert other.seal(SECRET, answer, attachment).partition(b":")[2] != seal
     assert ASKED.seal(SECRET, answer + b" ", attachment) != found
     assert ASKED.seal(OTHER, answer, attachment) != found
+
+
+@pytest.mark.parametrize("given", ["", "x", "1" * 21, "1" * 19 + "\u00e9", "\u0661", "1\n2", "-1"])
+def test_a_query_with_something_else_for_digits_is_answered_without_a_seal(net: Net, given: str) -> None:
+    def refuses(incoming: Incoming) -> None:
+        incoming.accept_probe() if incoming.probe else incoming.fail(Refusal("refused", "right"))
+
+    owner = net.open(identity="stability", secret=SECRET)
+    own(owner, STABILITY_REGION, refuses)
+    reached(net.open("client"), STABILITY_REGION)
+    with net.plain() as session:
+        for reply in session.get(f"{net.namespace}/{STABILITY_REGION.key}?seal={given}"):
+            assert reply.err is not None
+            assert b"right" in reply.err.payload.to_bytes()
+            assert str(reply.err.encoding).count(";") == 1
+            break
+        else:
+            pytest.fail("no answer")
 
 
 def test_without_digits_or_secret_there_is_no_seal() -> None:
