@@ -1,6 +1,7 @@
 """`surefoot why`, `verify`, `whatif`, `bisect`: recorded runs explained, repeated, and side by side."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,8 @@ from ..cli.output import EXIT_CHECK, Json, near, notify, refuse_existing, use_js
 from ..cli.progress import Progress
 
 if TYPE_CHECKING:
+    from surefoot.services.supervisor.scenarios.scenario import Scenario
+
     from .bisect import FirstDifference
     from .repeat import Verification
 
@@ -72,11 +75,15 @@ def verify(
         raise typer.BadParameter("is of the public list, not of a recording", param_hint="--scenario")
     if out is not None:
         refuse_existing(out, force=False)
-    with Progress(near(file), reads=[file]) as progress:
+    with Progress(near(file), reads=[file]):
         notify(f"surefoot: repeating the run of {near(file)}")
+        from .repeat import RecordedRun
         from .repeat import verify as repeat
 
-        found = repeat(file, out, progress.at)
+        run = RecordedRun.of(file)
+    _warm(run.scenario)
+    with Progress(near(file)) as progress:
+        found = repeat(run, out, progress.at)
     if json:
         write_json({"same": found.same, **vars(found)})
     else:
@@ -114,12 +121,15 @@ def _ending(found: "Verification") -> Iterator[str]:
 
 def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
     """Repeat runs of the public list and show which have its hash."""
+    from surefoot.services.supervisor.scenarios.scenario import load_scenario
     from surefoot.version import numbers
 
     from .public import NUMBERS, public_runs
 
     rows, runs = [], public_runs(names)
     every = sum(run.ticks for run in runs)
+    for name in dict.fromkeys(run.scenario for run in runs):
+        _warm(load_scenario(name))
     with Progress("list") as progress:
         for run in runs:
             progress.at(sum(run.ticks for run, _ in rows) / every, f"{run.scenario}, seed {run.seed}")
@@ -190,6 +200,7 @@ def whatif(
     run = RecordedRun.of(file)
     what = f"{', '.join(change)} from {at:g} s on" if change else "nothing changed"
     notify(f"surefoot: repeating the run of {near(file)}, {what}")
+    _warm(run.scenario)
     with kept(out) as target, Progress(near(file)) as progress:
         found = changed(run, at, changes, target, progress.at)
         rows = compare(run.recording, target, at)
@@ -205,3 +216,17 @@ def whatif(
 
 def _show(found: "FirstDifference | None") -> None:
     write("no difference in any deterministic message" if found is None else found.sentence)
+
+
+def _warm(scenario: "Scenario") -> None:
+    """Compile the kernels of a scenario's system unless they are kept; share and time left are shown meanwhile.
+
+    A robot that is known by its recording alone is left out: its kernels are compiled in the run.
+    """
+    from surefoot.robot.description import RobotError
+    from surefoot.services.supervisor.processes.startable import system_of
+
+    from ..cli.warming import warm_if_cold
+
+    with suppress(RobotError):
+        warm_if_cold(system_of(scenario), None, notify)

@@ -197,19 +197,18 @@ def kept(out: Path | None) -> Generator[Path]:
 
 
 def verify(
-    path: Path, keep: Path | None = None, progress: Callable[[float], None] = lambda share: None
+    run: RecordedRun, keep: Path | None = None, progress: Callable[[float], None] = lambda share: None
 ) -> Verification:
     """Repeat a run from its recording alone, and return the comparison with it.
 
     Args:
-        path: recording of a run in lockstep.
+        run: recorded run in lockstep.
         keep: file for the repetition; None = a temporary one.
         progress: gets the share that is done.
 
     Raises:
-        SurefootError: the recording holds too little, see `RecordedRun.of`.
+        SurefootError: see `RecordedRun.again`.
     """
-    run = RecordedRun.of(path)
     altered = () if run.recording.damage else _altered(run)
     with kept(keep) as target:
         found = run.again(target, progress=progress)
@@ -222,7 +221,7 @@ def verify(
         if found == run.run_hash:
             return Verification(run.run_hash, found, (), None, changed, altered)
         keys = sorted(k for k in {*run.hashes, *digests} if run.hashes.get(k) != digests.get(k))
-        return Verification(run.run_hash, found, tuple(keys), first_difference(path, target), changed, altered)
+        return Verification(run.run_hash, found, tuple(keys), first_difference(run.recording, target), changed, altered)
 
 
 def _versions(metadata: dict[str, dict[str, str]]) -> dict[str, str]:

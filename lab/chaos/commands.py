@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..cli.completion import scenarios
 from ..cli.output import (
     EXIT_CHECK,
     Json,
@@ -34,7 +35,10 @@ app = typer.Typer()
 
 @app.command()
 def chaos(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see `surefoot list`) or path of its file.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(help="Name of a scenario (see `surefoot list`) or path of its file.", autocompletion=scenarios),
+    ],
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first run's events.")] = 0,
     events: Annotated[int, typer.Option(min=0, help="Events in a run.")] = 5,
     runs: Annotated[int, typer.Option(min=1, help="Runs, with the seeds that follow.")] = 1,

@@ -17,9 +17,23 @@ COSTS: Mapping[str, tuple[Mapping[str, float], ...]] = {
         },
         {"integrate": 1.9, "_ahead": 1.0, "_rolling": 0.6, "_misfit": 2.2, "follow_log": 27.5},
     ),
+    "audit": (
+        {
+            "foot_positions": 1.3, "com": 0.9, "_normalise": 0.4, "plane": 0.5, "has_axes": 0.2, "carried": 0.9,
+            "hull": 1.4, "area": 0.2, "matrices": 0.9, "outline": 22.1,
+        },
+    ),
+    "evaluate": ({"_sweep": 1.3, "inverse3": 0.6, "squares": 0.1, "_run": 14.2},),
+    "fit": (
+        {
+            "wrap": 0.1, "fade": 0.4, "match": 6.4, "fill_gain": 0.2, "update": 1.6, "entropy": 0.2, "predict": 1.2,
+            "minus_log_likelihoods": 3.8,
+        },
+    ),
+    "train": ({"_sweep": 1.6, "inverse3": 0.6}, {"squares": 0.1, "learn": 14.5, "_run": 2.4}),
 }  # fmt: skip
-"""Kernels that a command compiles, in order, with the processor time of each on a slow core, s: first where none are
-kept in the cache, then where those of the services are."""
+"""Kernels that a command compiles, in order, with the processor time of each on a slow core, s. Several orders: of
+`estimate` where none are kept in the cache, and where those of the services are; of `train` for planner and sarsa."""
 PACED_S = 4.0
 """Usual processor time, s, of the finished kernels from which on their real time is used to scale estimates."""
 MOST = 0.95

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .completion import robots
 from .output import Json, near, refuse_existing, use_json, write, write_answer, write_json, write_table
 
 if TYPE_CHECKING:
     from surefoot.robot.description import Robot
 
 app = typer.Typer(help="Robot descriptions.", no_args_is_help=True)
-Named = Annotated[str, typer.Argument(help="Name of a robot, or path of its folder.")]
+Named = Annotated[str, typer.Argument(help="Name of a robot, or path of its folder.", autocompletion=robots)]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite that file.")]
 
 
@@ -22,10 +23,10 @@ def list_robots(json: Json = False) -> None:
     from surefoot.robot.reader import load_robot, robot_names
 
     use_json(json)
-    robots = {name: load_robot(name) for name in robot_names()}
+    known = {name: load_robot(name) for name in robot_names()}
     rows = {
         name: {"kind": robot.kind, "legs": robot.nlegs, "joints": robot.nj, "hash": robot.hash}
-        for name, robot in robots.items()
+        for name, robot in known.items()
     }
     if json:
         write_json(rows)
@@ -93,7 +94,9 @@ def show(
 
 @app.command()
 def check(
-    name: Annotated[str, typer.Argument(help="Name of a robot, or path of a folder with a robot.toml.")],
+    name: Annotated[
+        str, typer.Argument(help="Name of a robot, or path of a folder with a robot.toml.", autocompletion=robots)
+    ],
     json: Json = False,
 ) -> None:
     """Read and validate a robot description, show what was understood, compare an imported one with its source."""

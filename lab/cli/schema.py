@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .completion import beginning
 from .output import Json, use_json, write_answer, write_json, write_table
 
 if TYPE_CHECKING:
@@ -53,9 +54,16 @@ def show(
     write_json(json_schema(model))
 
 
+def _kinds(incomplete: str) -> list[str]:
+    """Return the kinds of hand-written files that begin with `incomplete`."""
+    return beginning(FILES, incomplete)
+
+
 @app.command("file")
 def show_file(
-    kind: Annotated[str, typer.Argument(help="Kind of hand-written file: " + ", ".join(FILES) + ".")],
+    kind: Annotated[
+        str, typer.Argument(help="Kind of hand-written file: " + ", ".join(FILES) + ".", autocompletion=_kinds)
+    ],
     json: Json = False,
 ) -> None:
     """Print the JSON Schema of a kind of hand-written file, for editors."""

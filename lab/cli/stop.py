@@ -4,12 +4,15 @@ from typing import Annotated
 
 import typer
 
+from .completion import systems
 from .output import Connect, Json, Namespace, use_json
 from .stopping import REASON, TIMEOUT_S, report, stop_all
 
 
 def stop(
-    system: Annotated[str | None, typer.Argument(help="Name of a system [every system that runs].")] = None,
+    system: Annotated[
+        str | None, typer.Argument(help="Name of a system [every system that runs].", autocompletion=systems)
+    ] = None,
     reason: Annotated[str, typer.Option(help="Reason; logs and the report show it.")] = REASON,
     timeout: Annotated[float, typer.Option(min=0.1, help="Repeat it so many s until the driver confirms.")] = TIMEOUT_S,
     connect: Connect = None,

@@ -4,11 +4,14 @@ from typing import Annotated
 
 import typer
 
+from .completion import systems
 from .output import Json, notify, use_json, write, write_json
 
 
 def warm(
-    system: Annotated[list[str] | None, typer.Argument(help="Names or paths of compose files [ragno].")] = None,
+    system: Annotated[
+        list[str] | None, typer.Argument(help="Names or paths of compose files [ragno].", autocompletion=systems)
+    ] = None,
     every: Annotated[
         bool, typer.Option("--all", help="Of every system, and of rare queries too, which else compile when asked.")
     ] = False,

@@ -1,11 +1,12 @@
 """Report of a recording, which may lack the truth, be cut off, or be of an unknown robot."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from surefoot.errors import SurefootError
-from surefoot.record.recording import ReadableRecording, open_readable
+from surefoot.record.recording import SUMMARY, ReadableRecording, open_readable
 from surefoot.record.robots import robot_of
 from surefoot.robot.description import RobotError
 from surefoot.services.supervisor.scenarios.recorded import SCENARIO, VERSIONS, recorded_scenario
@@ -20,6 +21,8 @@ from .why import explain
 READ, EXPLAINED, FILMED = 0.3, 0.5, 0.8
 """Progress of a report, shares of the whole: `READ`: recording read; `EXPLAINED`: failure explained; `FILMED`: replay
 made, only the page is still to be written."""
+HASH_SHOWN = 12
+"""Number of characters of a configuration's hash that a report shows."""
 UNFINISHED = "the run lasted until max_duration_s: its steps may be unfinished"
 
 
@@ -38,7 +41,7 @@ def report_recording(
         SurefootError: nothing of the file can be read, or it holds no message of a run.
     """
     recording = open_readable(file)
-    run, summary = recording.metadata.get("run", {}), recording.metadata.get("surefoot", {})
+    run, summary = recording.metadata.get("run", {}), recording.metadata.get(SUMMARY, {})
     traces = read_traces(recording.messages((*KEYS, "terrain/map"), lambda share: progress(READ * share)))
     if not traces.rows:
         raise SurefootError("invalid", f"{file} has none of {', '.join(KEYS)} that can be read", "recording")
@@ -99,14 +102,27 @@ def explained(file: Path, *, whole: bool = False) -> tuple[tuple[str, ...], bool
 def _recorded_facts(recording: ReadableRecording, scenario: Scenario | None) -> dict[str, str]:
     """Return the facts of a run that its recording states: its names, the versions and the configuration set for it."""
     run, versions = recording.metadata.get("run", {}), recording.metadata.get(VERSIONS, {})
+    summary = recording.metadata.get(SUMMARY, {})
     config = {} if scenario is None else scenario.config
     variables = [f"{service}.{name} = {value}" for service, fields in config.items() for name, value in fields.items()]
     facts = {
         **{name.replace("_", " ").capitalize(): value for name, value in run.items()},
         "Versions": ", ".join(f"{name} {value}" for name, value in versions.items()),
         "Configuration": ", ".join(variables),
+        "Hashes of the configuration": _hashes(summary.get("configuration", "")),
+        "Wall time": f"{summary['wall_s']} s from the first to the last tick" if "wall_s" in summary else "",
     }
     return {name: value for name, value in facts.items() if value}
+
+
+def _hashes(text: str) -> str:
+    """Return the hash of each service's configuration as the recorder states them, shortened; empty: not stated."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return ""
+    stated = found.items() if isinstance(found, dict) else ()
+    return ", ".join(f"{name} {str(value)[:HASH_SHOWN]}" for name, value in stated if value)
 
 
 def _seed(run: dict[str, str]) -> int:

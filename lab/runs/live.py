@@ -28,7 +28,7 @@ from surefoot.version import VERSION
 from ..report.judge import RunVerdict, judge
 from ..report.page import About, write_report
 from ..report.plots import Timing
-from ..report.recorded import filmed
+from ..report.recorded import HASH_SHOWN, filmed
 from ..report.traces import Traces, read_traces, sights_of
 from ..report.why import explain
 from ..scene.film import Film
@@ -39,8 +39,6 @@ STALL_S = 150.0  # s wall without a tick after which a run is given up (longer t
 RECORDER_S = 10.0  # s wall, for the recorder to close its file
 LIBRARIES = ("mujoco", "numpy", "numba", "scipy", "eclipse-zenoh", "pydantic")
 """Names of the libraries whose versions the report lists."""
-HASH_SHOWN = 12
-"""Characters of a configuration's hash that the report shows."""
 
 
 @dataclass(frozen=True)

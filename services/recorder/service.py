@@ -1,5 +1,7 @@
 """Recorder service: records the messages on the bus, of a whole run or its last seconds, and hashes the run."""
 
+import json
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +14,7 @@ from surefoot.logline import sendable
 from surefoot.record.runhash import RunHash
 from surefoot.schemas import topics
 from surefoot.schemas.base import Message
-from surefoot.schemas.system import RecorderReply, RecorderRequest, SaveReply, SaveRequest
+from surefoot.schemas.system import Health, RecorderReply, RecorderRequest, SaveReply, SaveRequest
 from surefoot.schemas.topics import Kind, Topic
 
 from .config import RecorderConfig
@@ -29,7 +31,7 @@ class Recorder(Service[RecorderConfig]):
     name = "recorder"
     Config = RecorderConfig
     inputs = (*JOINED, *IMAGES, *LATCHED)
-    observes = (topics.FOOTHOLDS_CHOSEN, topics.SIM_STATUS, topics.LOG)
+    observes = (topics.FOOTHOLDS_CHOSEN, topics.SIM_STATUS, topics.LOG, topics.HEALTH)
     serves = (topics.RECORDER_STATUS, topics.RECORDER_SAVE)
     raw = batched = True
 
@@ -41,6 +43,10 @@ class Recorder(Service[RecorderConfig]):
         """Newest message of each latched key."""
         self._known: set[tuple[str, int, int]] = set()
         self._tick, self._epoch = -1, 0
+        self._began_s: float | None = None
+        """Wall time of the first tick of the epoch, s; None: none yet."""
+        self._configs: dict[str, str] = {}
+        """Hash of the configuration of each service that is alive, by name."""
         self._finished, self._failed = False, False
         self.handle(topics.RECORDER_STATUS, self.status)
         self.handle(topics.RECORDER_SAVE, self.save)
@@ -48,10 +54,14 @@ class Recorder(Service[RecorderConfig]):
     def on_reset(self) -> None:
         self._close()
         self._hash, self._finished, self._failed = RunHash(), False, False
+        self._began_s = None
         self._latched, self._known = {}, set()  # a driver that was started again counts its epochs from 1
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        self._pending.append((topic, message))
+        if isinstance(message, Health):
+            self._configs[message.service] = message.config_hash
+        else:
+            self._pending.append((topic, message))
 
     def _take_latched(self, inputs: TickInputs) -> None:
         """Record each version of a latched message once, though it is published again for every new participant."""
@@ -69,6 +79,7 @@ class Recorder(Service[RecorderConfig]):
     def on_tick(self, inputs: TickInputs) -> None:
         tick = inputs.tick
         self._epoch, self._tick = tick.epoch, tick.tick
+        self._began_s = time.monotonic() if self._began_s is None else self._began_s
         if self._output is not None and not self._finished and not self._failed:
             self._try(lambda output: output.begin(tick.epoch, tick.seed, begun=tick.tick > 0))
         self._take_latched(inputs)
@@ -129,6 +140,10 @@ class Recorder(Service[RecorderConfig]):
 
     def _close(self) -> None:
         summary = {"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)}
+        if self._began_s is not None:
+            summary["wall_s"] = f"{time.monotonic() - self._began_s:.3f}"
+        if self._configs:
+            summary["configuration"] = json.dumps(dict(sorted(self._configs.items())))
         self._try(lambda output: output.end(summary, self._hash.keys()))
 
 

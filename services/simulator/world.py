@@ -23,6 +23,7 @@ from surefoot.robot.description import ImuProfile, Robot, RobotError
 from surefoot.schemas.sim import Obstacle
 from surefoot.schemas.topics import HW_IMU, HW_JOINTS, TICK_NS
 
+from .ground import terrain as grounds
 from .ground.terrain import Terrain
 from .physics import truth
 from .physics.disturb import Disturbances, WorldError
@@ -395,6 +396,5 @@ mujoco.set_mju_user_warning(lambda text: None)  # it writes into the working fol
 
 def rehearse() -> None:
     """Call every kernel of the simulator once with made-up arguments, so that none is loaded in a tick."""
-    sensors.rehearse()
-    images.rehearse()
-    truth.rehearse()
+    for part in (grounds, sensors, images, truth):
+        part.rehearse()

@@ -3,7 +3,11 @@
 from collections import Counter
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from threading import get_ident
+from threading import Timer, get_ident
+
+NOTICE_S = 2.0
+"""Time, s, after which a process that compiles and has no listeners, such as a program that uses the library, logs a
+line."""
 
 
 class Compiling:
@@ -18,6 +22,7 @@ class Compiling:
         self.last = ""
         """Name of the kernel that was compiled last."""
         self._depth = 0
+        self._timed = False  # a notice was logged, or is due
         self._by_thread = Counter[int]()
         self._listeners: list[Callable[[str], None]] = []
 
@@ -37,6 +42,11 @@ class Compiling:
         if self._depth == 1:
             for listener in tuple(self._listeners):
                 listener(name)
+            if not self._listeners and not self._timed:
+                self._timed = True
+                timer = Timer(NOTICE_S, self._notice)
+                timer.daemon = True
+                timer.start()
 
     def ended(self, name: str, counts: bool = True) -> None:
         """Record that compilation of kernel `name` ended; `counts`: False for a step that is not to be counted."""
@@ -53,6 +63,15 @@ class Compiling:
             yield
         finally:
             self._listeners.remove(listener)
+
+    def _notice(self) -> None:
+        """Log once that kernels are being compiled, as a warning of logger `surefoot`: by default on the terminal."""
+        self._timed = self.busy
+        if self.busy:
+            import logging
+
+            text = "surefoot: compiling numeric kernels, half a minute or more, only this once (surefoot warm)"
+            logging.getLogger("surefoot").warning(text)
 
 
 COMPILING = Compiling()

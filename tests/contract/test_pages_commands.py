@@ -1,4 +1,8 @@
-"""Every `surefoot` command between backticks on the pages exists, with its options; the site takes every page in."""
+"""Every `surefoot` command between backticks on the pages exists, with its options; the site takes every page in.
+
+Those that are quick and need neither a system nor a recording are executed here as they stand, those of the cheat sheet
+in `tests/e2e/test_cheat_sheet.py`, the features by `python -m tests.expected_features`.
+"""
 
 import importlib.util
 import re
@@ -15,11 +19,16 @@ import pytest
 import typer
 import yaml
 
-from surefoot.lab.cli.main import app
+from surefoot.lab.cli.main import app, main
 
 from .test_docs import BLOCK, CODE, PAGES, ROOT
 
 ENDS = {"|", "&&", ";", "&", ">", "2>&1"}
+QUICK = re.compile(
+    "(-h|--help|--version|list|(topic|service|robot|schema) list|graph .+|(topic|service) info [a-z/]+|schema file .+|"
+    "robot (check|show) ragno.*|robot export lupo .+|robot import lupo.xml .+|footholds show ragno)"
+)
+"""Commands without placeholders that take less than 3 s in an empty folder; sorted, an export precedes its import."""
 WORD = re.compile(r"[a-z][a-z0-9|-]*")
 
 
@@ -61,6 +70,18 @@ def wrong(words: list[str]) -> str:
 def test_commands_and_options_exist(path: Path) -> None:
     asked = list(written(path.read_text(encoding="utf-8")))
     assert {" ".join(words): wrong(words) for words in asked if wrong(words)} == {}
+
+
+def test_quick_commands_work_as_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = {shlex.join(words) for path in PAGES for words in written(path.read_text(encoding="utf-8"))}
+    quick = sorted(each for each in found if QUICK.fullmatch(each))
+    assert len(quick) > 12
+    for each in quick:
+        with pytest.raises(SystemExit) as ended:
+            main(shlex.split(each))
+        printed = capsys.readouterr()
+        assert (ended.value.code or 0, bool(printed.out)) == (0, True), f"surefoot {each}: {printed.err}"
 
 
 def test_a_wrong_command_or_option_is_found() -> None:

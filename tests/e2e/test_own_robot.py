@@ -137,6 +137,13 @@ def test_a_driver_of_ones_own_walks_stops_and_is_recorded(robot: Robot) -> None:
     assert "sim/truth" not in topics
     code, found = robot.surefoot("bag", "info", str(robot.bag), "--verify")
     assert (code, found["lost"], found["readable"]) == (0, 0, held["messages"])
+    page = robot.bag.with_suffix(".html")
+    code, _ = robot.surefoot("report", str(robot.bag), "--out", str(page))
+    text = page.read_text(encoding="utf-8")
+    assert code in (0, 1), "1: a limit is not met, or no verdict"
+    assert all(
+        each in text for each in ("<code>paced</code>", "Versions", "from the first to the last tick", "walker ")
+    )
 
 
 def test_the_driver_needs_nothing_but_the_runtime() -> None:

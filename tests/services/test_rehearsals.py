@@ -25,7 +25,7 @@ print(json.dumps([len(at_start), sorted(name for name in now if now[name] != at_
 """
 
 
-SCENARIOS = ["rough-terrain", "bioloid-walk", "nao-turn", "messor", "nao-corner", "crawl-rough"]
+SCENARIOS = ["rough-terrain", "slope", "bioloid-walk", "nao-turn", "messor", "nao-corner", "crawl-rough"]
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.rotations import quat_from_rotvec
 from surefoot.tables import UNIT_SLACK
 
-from .grid import ShapeSpec, TerrainBox, TerrainGrid, random_stream
+from .grid import ShapeSpec, TerrainBox, TerrainGrid, random_stream, slab
 from .shapes import SHAPES, WALL, WALLED_CELL, Outline, TerrainKind, inside
 
 __all__ = [
@@ -202,3 +202,9 @@ def observed_map(terrain: Terrain, profile: str, seed: int) -> HeightMap:
         x, y, r = rng.uniform(x0, x1), rng.uniform(y0, y1), rng.uniform(*MAP_HOLE_RADIUS)
         z[np.hypot(exact.xs()[None, :] - x, exact.ys()[:, None] - y) <= r] = np.nan
     return exact.with_z(z.astype(np.float32))
+
+
+def rehearse() -> None:
+    """Call the kernels of sloping ground and turned slabs once with made-up arguments, so that they are loaded."""
+    quat_from_rotvec(np.zeros(3))
+    slab(0.0, 0.0, 0.0, slope=(0.0, 0.0), depth=1.0, edges=(1.0, 1.0), yaw=1.0)

@@ -62,7 +62,7 @@ def copied(source: Path, to: Path, **tables: dict[str, str]) -> Path:
 
 
 def test_a_recording_repeats_its_run_and_a_changed_one_is_found(recorded: Path, tmp_path: Path) -> None:
-    found = verify(recorded, tmp_path / "again.mcap")
+    found = verify(RecordedRun.of(recorded), tmp_path / "again.mcap")
     assert found.same
     assert found.first is None
     assert not found.versions
@@ -71,7 +71,7 @@ def test_a_recording_repeats_its_run_and_a_changed_one_is_found(recorded: Path, 
     first = first_difference(recorded, other)
     assert first is not None
     assert (first.key, first.tick, first.field, first.b) == ("state/gait", 350, "trunk_height", "0.5")
-    changed_file = verify(other)
+    changed_file = verify(RecordedRun.of(other))
     assert (changed_file.recorded, changed_file.altered) == (changed_file.repeated, ("state/gait",))
     assert not changed_file.same
 
@@ -179,10 +179,10 @@ def test_a_run_whose_robot_and_model_are_gone_or_others_now_repeats_from_its_rec
     done = run_local(replace(scenario, robot=str(robot), max_duration_s=1.0), 5, recording=path)
     shutil.rmtree(robot)
     model.write_text("{}")
-    assert verify(path).repeated == done.run_hash
+    assert verify(RecordedRun.of(path)).repeated == done.run_hash
     robot.mkdir()
     (robot / ROBOT_FILE).write_text(text)  # another one in its place
-    assert verify(path).repeated == done.run_hash
+    assert verify(RecordedRun.of(path)).repeated == done.run_hash
 
 
 def test_names_of_attached_files_are_no_paths(tmp_path: Path) -> None:

@@ -91,10 +91,14 @@ def test_a_command_whose_kernels_are_known_states_share_and_time_left(lines, mon
     assert re.fullmatch(r"  compiling: \d+ %, about \d+ s left", lines[-1])
 
 
-def test_kernels_with_a_cost_are_kernels_of_the_estimator():
+def test_kernels_with_a_cost_exist():
     from surefoot.kernels import jit
 
-    for module in ("services.estimator.filter.log", "lab.estimation.calibrate", "lab.estimation.stances"):
+    for module in (
+        "services.estimator.filter.log", "lab.estimation.calibrate", "lab.estimation.stances",
+        "lab.fit.estimate", "lab.train.sarsa", "lab.audit.walk",
+    ):  # fmt: skip
         import_module(f"surefoot.{module}")
     known = {each.__qualname__ for each in jit._KERNELS}
-    assert [name for chain in COSTS["estimate"] for name in chain if name not in known] == []
+    assert {"audit", "estimate", "evaluate", "fit", "train"} <= set(COSTS)
+    assert [name for chains in COSTS.values() for chain in chains for name in chain if name not in known] == []

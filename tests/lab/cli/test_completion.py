@@ -1,4 +1,4 @@
-"""Completion as bash asks for it."""
+"""Completion as bash and zsh ask for it."""
 
 import os
 import subprocess
@@ -16,6 +16,13 @@ from surefoot.lab.cli import completion
         (["run", "bioloid-w"], ["bioloid-walk"]),
         (["run", "flat", "--robot", "lu"], ["lupo"]),
         (["up", "messor"], ["messor"]),
+        (["robot", "show", "na"], ["nao"]),
+        (["robot", "check", "lu"], ["lupo"]),
+        (["robot", "export", "mes"], ["messor"]),
+        (["chaos", "slo"], ["slope"]),
+        (["warm", "messor"], ["messor"]),
+        (["stop", "messor"], ["messor"]),
+        (["schema", "file", "sc"], ["scenario"]),
         (["topic", "echo", "state/velocity/ek"], ["state/velocity/ekf"]),
         (["call", "stability/r"], ["stability/region"]),
         (["logs", "esti"], ["estimator"]),
@@ -33,6 +40,13 @@ def test_a_word_is_completed(words: list[str], found: list[str]) -> None:
     environment = {**os.environ, **asked, "COMP_CWORD": str(len(words))}
     done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=60)
     assert done.stdout.split() == found
+
+
+def test_zsh_gets_the_same_names() -> None:
+    asked = {"_SUREFOOT_COMPLETE": "complete_zsh", "_TYPER_COMPLETE_ARGS": "surefoot robot show na"}
+    command = [sys.executable, "-m", "surefoot.lab.cli.entry"]
+    done = subprocess.run(command, env={**os.environ, **asked}, check=True, capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == """_arguments '*: :(("nao"))'"""
 
 
 def test_every_beginning_is_open() -> None:

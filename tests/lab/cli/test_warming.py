@@ -14,6 +14,8 @@ from surefoot.errors import BusError, SurefootError
 from surefoot.lab.cli import warming
 from surefoot.lab.cli.output import state
 from surefoot.lab.cli.warming import Job
+from surefoot.lab.runs.local import run_local
+from surefoot.services.supervisor.scenarios.scenario import load_scenario
 from tests.surefoot.expect import expect_error
 
 
@@ -131,3 +133,14 @@ def test_a_taken_port_is_reported_before_anything_is_compiled(monkeypatch):
         taken.listen()
         with expect_error(BusError, "busy", text=str(os.getpid())):
             warming.warm_if_cold(ragno, f"tcp/127.0.0.1:{taken.getsockname()[1]}", print)
+
+
+@pytest.mark.parametrize("words", ["verify {bag}", "whatif {bag} --at 0.1", "verify --scenario stand"])
+def test_a_repetition_compiles_cold_kernels_first_with_share_and_time_left(monkeypatch, in_process, tmp_path, words):
+    bag, asked = tmp_path / "run.mcap", list[str]()
+    run_local(load_scenario("stand"), recording=bag)
+    monkeypatch.setattr(warming, "is_cold", lambda jobs: True)
+    monkeypatch.setattr(warming, "warm", lambda jobs, notify: asked.extend({job.robot for job in jobs}))
+    monkeypatch.setattr(warming, "_mark", lambda done, notify: None)
+    in_process(*words.format(bag=bag).split())
+    assert asked == ["ragno"]

@@ -23,7 +23,7 @@ from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_
 from .test_report import content
 
 
-def copy(source, target, metadata, keep=lambda key: True, change=lambda key, data: data):
+def copy(source, target, metadata, keep=lambda key: True, change=lambda key, data: data, summary=None):
     """Write a recording anew with other metadata, without some keys, and with other bytes of some messages."""
     writer = RecordingWriter(target, metadata)
     for item in read_recording(source):
@@ -32,7 +32,7 @@ def copy(source, target, metadata, keep=lambda key: True, change=lambda key, dat
             header = Header(stamp_ns=item.stamp_ns, source=item.key.rpartition("/")[2])
             topic: Any = topic_of(item.key)
             writer.write(topic, header, raw)
-    writer.close({})
+    writer.close(summary or {})
     return target
 
 
@@ -196,3 +196,14 @@ def test_a_recording_carries_what_its_report_needs(recorded, tmp_path, monkeypat
     path, _ = report_recording(recorded, None, tmp_path / "report.html")
     assert content(path.read_text(encoding="utf-8"))["film"]["frames"]
     assert explain(recorded).outcome is None
+
+
+def test_wall_time_and_hashes_of_the_configuration_are_stated_where_the_recording_has_them(whole, recorded, tmp_path):
+    for hashes, listed in (({"walker": 64 * "ab"}, "walker abababababab<"), (["x"], ""), (None, "")):
+        stated = {"wall_s": "2.500", "configuration": json.dumps(hashes)}
+        file = copy(recorded, tmp_path / "run.mcap", {"robot": "ragno"}, summary=stated)
+        text = report_recording(file, None, tmp_path / "report.html")[0].read_text(encoding="utf-8")
+        assert "2.500 s from the first to the last tick" in text
+        assert ("Hashes of the configuration" in text) is bool(listed)
+        assert listed in text
+    assert "Wall time" in whole[0]

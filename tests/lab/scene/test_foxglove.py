@@ -2,6 +2,8 @@
 
 import json
 import math
+import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -161,3 +163,13 @@ def test_without_truth_the_base_is_the_estimate(recorded, tmp_path):
         *_, (schema, _, message) = make_reader(opened).iter_messages(topics=["/pose"])
     pose = reader_of(schema.data, schema.name).FromString(message.data).pose
     assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx(last.position, abs=1e-9)
+
+
+def test_rerun_reads_the_frames_and_the_surface_of_the_robot(file, tmp_path):
+    rerun = shutil.which("rerun") or pytest.skip("pip install rerun-sdk")
+    target = str(tmp_path / "run.rrd")
+    subprocess.run([rerun, "mcap", "convert", str(file), "-o", target], check=True, capture_output=True)
+    printed = subprocess.run([rerun, "rrd", "print", target], check=True, capture_output=True, text=True).stdout
+    assert [
+        each for each in ("/tf", "/pose", "/scene", "/map", "/log", "/shape/base_link") if each not in printed
+    ] == []

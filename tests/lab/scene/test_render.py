@@ -76,3 +76,11 @@ def test_what_cannot_be_painted_is_refused_and_leaves_no_file(recorded, tmp_path
         render(recorded, tmp_path / name, shot)
     assert refused.value.code == "invalid"
     assert not list(tmp_path.iterdir())
+
+
+def test_an_mp4_without_ffmpeg_is_refused_with_what_needs_nothing(recorded, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(SurefootError, match="the program ffmpeg on the path") as refused:
+        render(recorded, tmp_path / "a.mp4", Shot())
+    assert refused.value.code == "not_installed"
+    assert not list(tmp_path.iterdir())

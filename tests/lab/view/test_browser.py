@@ -11,6 +11,7 @@ from surefoot.lab.scene.film import UNITS_PER_M
 from surefoot.lab.scene.scene import FORCE_LENGTH
 from surefoot.lab.scene.shapes import body_of
 from surefoot.lab.scene.styles import STYLES, VALUES
+from surefoot.record.recording import open_readable
 from surefoot.robot.reader import load_robot
 from tests.browser import CHROMIUM, MISSING, Browser
 
@@ -46,6 +47,29 @@ def test_a_report_replays_and_asks_for_nothing(recorded, tmp_path, browser):
     assert {"holding", "expected"} <= {list(STYLES)[number] for number in drawn}
     assert path.as_uri() in browser.asked
     assert not outside(browser)
+    assert not browser.faults
+
+
+def test_a_click_on_a_worst_moment_or_a_plot_moves_the_replay(recorded, tmp_path, browser):
+    path, _ = report_recording(recorded, None, tmp_path / "report.html")
+    browser.go(path.as_uri())
+    browser.wait(READY)
+    clock, slider = "document.querySelector('.clock').textContent", "document.querySelector('input[type=range]').value"
+    rows = "[...document.querySelectorAll('.worst [data-t]')]"
+    times = [float(each) for each in json.loads(browser.run(f"JSON.stringify({rows}.map(e => e.dataset.t))"))]
+    assert len(set(times)) > 2
+    for number, at in enumerate(times):
+        browser.run(f"{rows}[{number}].click()")
+        assert browser.run(clock) == f"{at:.2f} s"
+        assert float(browser.run(slider)) == pytest.approx(at, abs=0.05)
+    plot = "document.querySelector('figure canvas')"
+    for kind in ("pointerdown", "pointerup"):
+        event = f"new PointerEvent('{kind}', {{bubbles: true, pointerId: 1, clientX: x, clientY: y}})"
+        inside = f"const b = {plot}.getBoundingClientRect(), x = b.left + b.width / 2, y = b.top + b.height / 2"
+        browser.run(f"{{{inside}; {plot}.setPointerCapture = () => 0; {plot}.dispatchEvent({event})}}")
+    end = open_readable(recorded).end_ns * 1e-9
+    assert browser.run(clock) not in [f"{at:.2f} s" for at in times]
+    assert float(browser.run(slider)) == pytest.approx(end / 2, abs=0.1 * end)
     assert not browser.faults
 
 

@@ -16,7 +16,7 @@ from surefoot.record.recording import read_recording, recording_info
 from surefoot.schemas import topics
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import Tick
-from surefoot.schemas.system import LogRecord, RecorderReply, RecorderRequest
+from surefoot.schemas.system import Health, LogRecord, RecorderReply, RecorderRequest
 from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import Topic
 from surefoot.services.recorder.config import RecorderConfig
@@ -110,6 +110,7 @@ def test_a_file_carries_the_facts_given_and_the_digest_of_each_key(tmp_path: Pat
     assert found[1]["about"] == {"unreadable": "no JSON"}
     assert found[1]["run"]["robot"] == "ragno"
     assert set(found[0]["hashes"]) == {"hw/imu", "state/velocity", "state/gait", "cmd/joints", "terrain/map"}
+    assert float(found[0]["surefoot"]["wall_s"]) > 0.0
     assert found[0]["hashes"] == found[1]["hashes"]
     same = {key for key, digest in found[2]["hashes"].items() if digest == found[0]["hashes"][key]}
     assert same == {"terrain/map"}
@@ -264,3 +265,19 @@ def test_a_recorder_started_again_in_a_run_leaves_what_the_killed_one_wrote(tmp_
     again.on_stop()
     assert path.read_bytes() == written
     assert [found.message().tick for found in read_recording(tmp_path / "run-2.mcap")] == [12, 13]
+
+
+def test_a_file_carries_the_hash_of_the_configuration_of_each_service(tmp_path: Path) -> None:
+    path, driver = tmp_path / "run.mcap", MappedDriver(0)
+    recorder = ToyRecorder(RecorderConfig(path=str(path)))
+    estimator = ToyEstimator(ServiceConfig())
+    system = LocalSystem([driver, estimator, ToyWalker(ServiceConfig()), recorder])
+    begin(driver, 5)
+    for name, digest in (("walker", "b" * 64), ("estimator", "a" * 64)):
+        recorder.on_message(
+            topics.HEALTH,
+            Health(stamp_ns=0, source=name, service=name, instance="i", state="running", pid=1, config_hash=digest),
+        )
+    finish(system, driver)
+    stated = json.loads(recording_info(path)["metadata"]["surefoot"]["configuration"])
+    assert (stated["estimator"], stated["walker"]) == ("a" * 64, "b" * 64)

@@ -2,6 +2,8 @@
 
 import importlib.util
 import sys
+import time
+from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -10,6 +12,7 @@ import pytest
 
 from surefoot.bus.memory import MemoryBus
 from surefoot.errors import CallError
+from surefoot.kernels import compiling
 from surefoot.kernels.compiling import COMPILING
 from surefoot.kernels.jit import kernel
 from surefoot.lockstep.node import Node
@@ -117,3 +120,30 @@ def test_unwritable_installation_uses_the_users_cache(fresh: tuple[ModuleType, P
     assert kept == [".nbc", ".nbc", ".nbi", ".nbi"]  # machine code for Python, and code that other kernels link
     assert kernel(module.double.py_func)(2.0) == 4.0
     assert COMPILING.done == before + 1  # from the cache
+
+
+@pytest.mark.parametrize("listened", [False, True])
+def test_a_program_without_listeners_gets_one_line_on_a_long_compilation(caplog, monkeypatch, listened):
+    monkeypatch.setattr(compiling, "NOTICE_S", 0.01)
+    record = compiling.Compiling()
+    with record.reporting(lambda name: None) if listened else nullcontext():
+        for _ in range(2):
+            record.began("f")
+            time.sleep(0.2)
+            record.ended("f")
+    lines = [each.getMessage() for each in caplog.records if each.name == "surefoot"]
+    text = "surefoot: compiling numeric kernels, half a minute or more, only this once (surefoot warm)"
+    assert lines == ([] if listened else [text])
+
+
+def test_a_short_compilation_gets_no_line_and_a_long_one_after_it_does(caplog, monkeypatch):
+    monkeypatch.setattr(compiling, "NOTICE_S", 0.01)
+    record = compiling.Compiling()
+    record.began("short")
+    record.ended("short")
+    time.sleep(0.1)
+    assert caplog.records == []
+    record.began("long")
+    time.sleep(0.2)
+    record.ended("long")
+    assert len(caplog.records) == 1

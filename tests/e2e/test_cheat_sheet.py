@@ -1,0 +1,120 @@
+"""Every command of the cheat sheet is executed as it stands, in one folder and beside one running system."""
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from surefoot.lab.robots.export import write_mjcf
+from surefoot.lab.runs.local import run_local
+from surefoot.robot.reader import load_robot
+from surefoot.services.supervisor.scenarios.scenario import load_scenario
+from tests.e2e.live import ROOT, environment
+from tests.ports import free_address
+from tests.processes import end_process, end_systems, start_process
+
+pytestmark = pytest.mark.e2e
+
+SHEET = (ROOT / "docs" / "cheatsheet.md").read_text(encoding="utf-8")
+COMMANDS = list(dict.fromkeys(re.findall(r"`(surefoot [a-z][^`]*)`", SHEET)))
+ELSEWHERE = {
+    "surefoot run rough-terrain": "make demo",
+    "surefoot run crawl-flat --robot ./go2": "tests/e2e/test_guides.py",
+    "surefoot bag import walk/ --robot ./go2 --imu /imu/data --joints /joint_states": "tests/e2e/test_guides.py",
+    "surefoot audit run.mcap": "tests/lab/audit/test_audit.py",
+    "surefoot render run.mcap -o walk.webp": "tests/lab/scene/test_render.py",
+}
+"""Commands that take long, or need a recording of a foreign robot, and what executes their like."""
+ENDLESS = {
+    "surefoot view": 30.0, "surefoot topic echo state/velocity": 30.0, "surefoot topic top": 30.0,
+    "surefoot topic echo state/velocity --plot velocity": 5.0,
+}  # fmt: skip
+"""Commands that run until Ctrl-C, each with the longest time until it is ended, s wall: once it printed something."""
+FILES = ("surefoot doctor", "surefoot warm", *(f"surefoot {name} " for name in (
+    "report", "why", "verify", "whatif", "bisect", "bag", "robot", "estimate")))  # fmt: skip
+"""Beginnings of commands that need files and no system."""
+FIRST = "surefoot up ragno -d"
+LAST = tuple(f"surefoot {name}" for name in ("sim speed", "sim pause", "topic pub", "stop", "down"))
+"""Beginnings of the commands after which a system takes all of the processor, halts or ends, in their order."""
+RECORDED_S = 13.0
+"""Simulated length of the recording, s: the sheet changes a run from 12.3 s on."""
+SHELL = 'surefoot() {{ "{python}" -m surefoot.lab.cli.main "$@"; }}; {command}'
+
+
+def of_files() -> list[str]:
+    return [each for each in COMMANDS if each.startswith(FILES) and each not in ELSEWHERE]
+
+
+def of_system() -> list[str]:
+    rest = [each for each in COMMANDS if each not in (*of_files(), *ELSEWHERE, FIRST)]
+    last = [each for begin in LAST for each in rest if each.startswith(begin)]
+    return [FIRST, *(each for each in rest if each not in last), *last]
+
+
+def run(command: str, folder: Path, variables: Mapping[str, str]) -> str:
+    """Return what is wrong with a command of the sheet, with its output; empty: nothing."""
+    words = ["bash", "-c", SHELL.format(python=sys.executable, command=command)]
+    done = subprocess.run(
+        words, cwd=folder, env=variables, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL
+    )
+    wrong = done.returncode != 0 or "Traceback" in done.stderr
+    return f"exit code {done.returncode}: {done.stdout[-400:]}{done.stderr[-400:]}" if wrong else ""
+
+
+def run_for_a_while(command: str, folder: Path, variables: Mapping[str, str]) -> str:
+    """Return what is wrong with a command that goes on until Ctrl-C: that it ends before, prints nothing or fails."""
+    out = folder / "printed.txt"
+    with out.open("w") as stream:
+        words = [sys.executable, "-m", "surefoot.lab.cli.main", *command.split()[1:]]
+        process = start_process(words, cwd=folder, env=dict(variables), stdout=stream, stderr=subprocess.STDOUT)
+        try:
+            end = time.monotonic() + ENDLESS[command]
+            while process.poll() is None and out.stat().st_size == 0 and time.monotonic() < end:
+                time.sleep(0.05)
+            ended = process.poll()
+            process.send_signal(signal.SIGINT)
+            code = process.wait(30.0)
+        finally:
+            end_process(process)
+    printed = out.read_text()
+    if ended is None and printed and "Traceback" not in printed and code in (0, 130):
+        return ""
+    return f"exit code {code}: {printed[-400:]}"
+
+
+@contextmanager
+def folder_of_the_sheet(folder: Path) -> Iterator[dict[str, str]]:
+    """Make a folder with the files that the sheet names, and yield the environment for its commands."""
+    write_mjcf(load_robot("lupo"), folder / "go2.xml")
+    run_local(
+        replace(load_scenario("stand"), settle_s=RECORDED_S, max_duration_s=2.0 * RECORDED_S),
+        recording=folder / "run.mcap",
+    )
+    for name in ("a.mcap", "b.mcap", "walk.mcap"):
+        shutil.copy(folder / "run.mcap", folder / name)
+    yield environment(folder, SUREFOOT_LISTEN=free_address())
+
+
+def test_each_command_is_of_files_or_of_a_system() -> None:
+    assert set(ELSEWHERE) <= set(COMMANDS)
+    assert set(ENDLESS) <= set(of_system())
+    assert sorted([*of_files(), *of_system(), *ELSEWHERE]) == sorted(COMMANDS)
+
+
+def test_the_commands_of_the_cheat_sheet_work_as_they_stand(tmp_path: Path) -> None:
+    with folder_of_the_sheet(tmp_path) as variables:
+        wrong = {each: run(each, tmp_path, variables) for each in of_files()}
+        try:
+            for each in of_system():
+                wrong[each] = (run_for_a_while if each in ENDLESS else run)(each, tmp_path, variables)
+        finally:
+            end_systems(tmp_path / "state" / "surefoot")
+    assert {each: text for each, text in wrong.items() if text} == {}
