@@ -23,6 +23,7 @@ from .outputs import Output, output_of
 JOINED = tuple(t for t in topics.TOPICS if t.deterministic and t.kind not in (Kind.LATCHED, Kind.STATUS))
 IMAGES = (topics.HW_IMAGE, topics.HW_DEPTH)
 LATCHED = tuple(t for t in topics.TOPICS if t.deterministic and t.kind is Kind.LATCHED)
+MOST_SERVICES = 64  # whose configuration is noted; strangers can send the health of any number
 
 
 class Recorder(Service[RecorderConfig]):
@@ -43,8 +44,7 @@ class Recorder(Service[RecorderConfig]):
         """Newest message of each latched key."""
         self._known: set[tuple[str, int, int]] = set()
         self._tick, self._epoch = -1, 0
-        self._began_s: float | None = None
-        """Wall time of the first tick of the epoch, s; None: none yet."""
+        self._began_s: float | None = None  # wall time of the first tick of the epoch
         self._configs: dict[str, str] = {}
         """Hash of the configuration of each service that is alive, by name."""
         self._finished, self._failed = False, False
@@ -58,10 +58,10 @@ class Recorder(Service[RecorderConfig]):
         self._latched, self._known = {}, set()  # a driver that was started again counts its epochs from 1
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
-        if isinstance(message, Health):
-            self._configs[message.service] = message.config_hash
-        else:
+        if not isinstance(message, Health):
             self._pending.append((topic, message))
+        elif message.service in self._configs or len(self._configs) < MOST_SERVICES:
+            self._configs[message.service] = message.config_hash
 
     def _take_latched(self, inputs: TickInputs) -> None:
         """Record each version of a latched message once, though it is published again for every new participant."""
@@ -142,8 +142,7 @@ class Recorder(Service[RecorderConfig]):
         summary = {"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)}
         if self._began_s is not None:
             summary["wall_s"] = f"{time.monotonic() - self._began_s:.3f}"
-        if self._configs:
-            summary["configuration"] = json.dumps(dict(sorted(self._configs.items())))
+        summary["configuration"] = json.dumps(dict(sorted(self._configs.items())))
         self._try(lambda output: output.end(summary, self._hash.keys()))
 
 

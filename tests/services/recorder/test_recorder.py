@@ -273,7 +273,8 @@ def test_a_file_carries_the_hash_of_the_configuration_of_each_service(tmp_path: 
     estimator = ToyEstimator(ServiceConfig())
     system = LocalSystem([driver, estimator, ToyWalker(ServiceConfig()), recorder])
     begin(driver, 5)
-    for name, digest in (("walker", "b" * 64), ("estimator", "a" * 64)):
+    strangers = [(f"stranger{number}", "c") for number in range(1000)]
+    for name, digest in (("walker", "c"), ("estimator", "a" * 64), *strangers, ("walker", "b" * 64)):
         recorder.on_message(
             topics.HEALTH,
             Health(stamp_ns=0, source=name, service=name, instance="i", state="running", pid=1, config_hash=digest),
@@ -281,3 +282,4 @@ def test_a_file_carries_the_hash_of_the_configuration_of_each_service(tmp_path: 
     finish(system, driver)
     stated = json.loads(recording_info(path)["metadata"]["surefoot"]["configuration"])
     assert (stated["estimator"], stated["walker"]) == ("a" * 64, "b" * 64)
+    assert len(stated) == 64
