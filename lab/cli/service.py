@@ -85,7 +85,8 @@ def call(
     with client(connect, namespace) as robot:
         reply = robot.call(query, timeout, **fields)
         for _, process in robot.bus.refused:
-            notify(f"refused: an answer of process {process!r}, which is not {query.owner}", "warning")
+            why = f"which is not {query.owner}, or only has its name"
+            notify(f"refused: an answer of process {process!r}, {why}", "warning")
     if out is not None:
         _save(reply, out)
     content = reply.model_dump(mode="json")

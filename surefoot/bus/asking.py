@@ -147,7 +147,8 @@ class Asking:
         if not status.matching:
             return CallError("absent", f"no service answers {query.key!r} in {self._namespace!r}")
         named = " and ".join(map(repr, sorted(strangers)))
-        others = f"; an answer of {named} was refused, which is not {query.owner}" if named else ""
+        why = f"; an answer of {named} was refused, which is not {query.owner}, or only has its name"
+        others = why if named else ""
         return CallError("timeout", f"{query.key!r} did not answer within {timeout:g} s{others}")
 
 
