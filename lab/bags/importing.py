@@ -99,6 +99,7 @@ def record(log: RobotLog, robot: str, out: Path, progress: Callable[[float], Non
         estimator = EstimatorService(EstimatorConfig(robot=robot))
         stability = Stability(StabilityConfig(robot=robot))
         recorder = Recorder(RecorderConfig(robot=robot, path=str(part)))
+        recorder.timed = False
         system = LocalSystem([player, estimator, stability, recorder])
         try:
             player.node.begin((estimator.name, stability.name, recorder.name), "lockstep", 0.0, 1, "fail", 0)

@@ -34,7 +34,7 @@ class Recorder(Service[RecorderConfig]):
     inputs = (*JOINED, *IMAGES, *LATCHED)
     observes = (topics.FOOTHOLDS_CHOSEN, topics.SIM_STATUS, topics.LOG, topics.HEALTH)
     serves = (topics.RECORDER_STATUS, topics.RECORDER_SAVE)
-    raw = batched = True
+    raw = batched = timed = True  # not timed: an imported log, whose recordings are equal to the byte
 
     def on_start(self) -> None:
         self._output = output_of(self.config)
@@ -140,7 +140,7 @@ class Recorder(Service[RecorderConfig]):
 
     def _close(self) -> None:
         summary = {"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)}
-        if self._began_s is not None:
+        if self.timed and self._began_s is not None:
             summary["wall_s"] = f"{time.monotonic() - self._began_s:.3f}"
         summary["configuration"] = json.dumps(dict(sorted(self._configs.items())))
         self._try(lambda output: output.end(summary, self._hash.keys()))
