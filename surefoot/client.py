@@ -223,7 +223,7 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
     Raises:
         FieldError: `robot` or `fleet` is no name that keys can hold; the name of a robot that does not run is one.
         BusError: no router answers.
-        ConfigError: the value given is no endpoint.
+        ConfigError: the value given is no endpoint, or SUREFOOT_SECRET is no secret.
     """
     prefix = f"{key_part(fleet, 'fleet', 'surefoot')}/{key_part(robot, 'robot', 'ragno')}"
     where = to_connect() if endpoint is None or endpoint == "" else checked("endpoint", endpoint)

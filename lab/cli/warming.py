@@ -166,6 +166,7 @@ def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], No
 
     Raises:
         BusError: the endpoint to listen on is taken, which is checked before the work.
+        ConfigError: SUREFOOT_SECRET is no secret, which is checked before the work too, for a system to be started.
     """
     whole = Job(" ".join(system.services), system.robot)
     if not is_cold([whole]):  # to find the services with kernels imports them all, a second of processor time
@@ -173,6 +174,9 @@ def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], No
     jobs = jobs_of([system])
     if is_cold(jobs):
         if listen is not None:
+            from surefoot.bus.seals import given_secret
+
+            given_secret()
             refuse_taken(listen)
         warm(jobs, notify)
     _mark({whole: [line for job in jobs for each in _either(job) for line in _lines(each.stamp) or ()]}, notify)

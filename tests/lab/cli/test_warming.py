@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import surefoot
-from surefoot.errors import BusError, SurefootError
+from surefoot.errors import BusError, ConfigError, SurefootError
 from surefoot.lab.cli import warming
 from surefoot.lab.cli.output import state
 from surefoot.lab.cli.warming import Job
@@ -133,6 +133,16 @@ def test_a_taken_port_is_reported_before_anything_is_compiled(monkeypatch):
         taken.listen()
         with expect_error(BusError, "busy", text=str(os.getpid())):
             warming.warm_if_cold(ragno, f"tcp/127.0.0.1:{taken.getsockname()[1]}", print)
+
+
+def test_a_wrong_secret_is_reported_before_anything_is_compiled(monkeypatch):
+    (ragno,) = warming.systems_of(["ragno"])
+    monkeypatch.setenv("SUREFOOT_SECRET", "abc")
+    monkeypatch.setattr(warming, "is_cold", lambda jobs: True)
+    monkeypatch.setattr(warming, "jobs_of", lambda systems: (Job("simulator", "ragno"),))
+    monkeypatch.setattr(warming, "warm", lambda jobs, notify: pytest.fail("compiles for a system that cannot start"))
+    with expect_error(ConfigError, "invalid", text="3 characters"):
+        warming.warm_if_cold(ragno, "tcp/127.0.0.1:1", print)
 
 
 @pytest.mark.parametrize("words", ["verify {bag}", "whatif {bag} --at 0.1", "verify --scenario stand"])
