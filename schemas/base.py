@@ -129,8 +129,8 @@ def belonging(value: Any, info: ValidationInfo, choice: str, fields: Mapping[str
     """Refuse a field that is given and does not go with the choice of another field; for ``field_validator``.
 
     Args:
-        value: what came; an explicit null is as good as no field.
-        info: of pydantic.
+        value: received value of the field; an explicit null counts as an absent field.
+        info: pydantic's data on the validation, with the values of the fields before this one.
         choice: name of the field that chooses; it stands before those that depend on it.
         fields: by choice, the fields that go with it.
     """
@@ -147,7 +147,8 @@ def belonging(value: Any, info: ValidationInfo, choice: str, fields: Mapping[str
 
 
 class BulkRequest(Request):
-    """A request that may bring raw bytes: then payload = ``data`` and the JSON is the attachment; else as any other."""
+    """Base of requests that may carry raw bytes: then payload = ``data`` and the JSON is the attachment; else JSON
+    alone."""
 
     data: bytes = Field(default=b"", exclude=True, repr=False, description="raw little-endian array")
 

@@ -15,11 +15,11 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "finish": ("per_joint", "apply"),
     "cancel": (),
 }
-"""Names of the request fields that each action takes, beside ``at_tick``."""
+"""Fields of `CalibrateRequest` that go with each of its actions, beside ``at_tick``; another field is refused."""
 
 
 class CalibrationPose(Request):
-    """The robot at rest with all marked feet on the ground."""
+    """Joint angles and torques of the robot at rest, with all marked feet on the ground, for a torque calibration."""
 
     joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
     torque: PerJoint = Field(description="torques as the driver tells them, Nm")
@@ -30,7 +30,8 @@ class CalibrationPose(Request):
 
 
 class CalibrateRequest(Request):
-    """Finds the factors that correct published torques (Walas & Belter 4.7): a job, or from poses at once."""
+    """Asks for the factors that correct published torques (Walas & Belter 4.7): by a job, or from given poses at
+    once."""
 
     action: Literal["fit", "start", "status", "finish", "cancel"] = Field(
         description="fit: from the poses given; start: collect poses from now on, whenever the robot rests in a new "
@@ -54,7 +55,7 @@ class CalibrateRequest(Request):
 
 
 class CalibrateReply(Reply):
-    """Progress of a torque calibration, or its result."""
+    """Reply to a request of a torque calibration: progress of the job, or the factors found."""
 
     accepted: bool = Field(description="false: nothing changes")
     reason: str = Field(default="", description="why it was refused, or what came of it, in words")

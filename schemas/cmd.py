@@ -13,7 +13,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "stand": ("duration", "shift"),
     "stop": (),
 }
-"""Names of the command fields that each action takes, beside ``at_tick``."""
+"""Fields of `WalkCommand` that go with each of its actions, beside ``at_tick``; another field is refused."""
 
 
 class WalkCommand(Request):
@@ -55,7 +55,7 @@ class WalkCommand(Request):
 
 
 class WalkReply(Reply):
-    """Answered at once; progress is in state/gait under ``id``."""
+    """Reply to a walk command, sent at once; progress of the walk is in state/gait under ``id``."""
 
     schema_version: ClassVar[str] = "1.1"
     accepted: bool = Field(description="false: nothing changes")

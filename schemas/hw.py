@@ -172,7 +172,8 @@ class JointCommand(Message):
 
 
 class EmergencyStop(Message):
-    """Stop now: the driver holds the present joint positions until the next reset; ``sim/status`` names the reason."""
+    """Emergency stop: the driver holds the present joint positions until the next reset; ``sim/status`` names the
+    reason."""
 
     reason: str = Field(default="", description="who asks and why")
 

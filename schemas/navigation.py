@@ -19,7 +19,7 @@ GoalError = Literal[
     "walker_refused", "arrived_unsure", "blocked",
 ]  # fmt: skip
 RESULTS = 4
-"""Number of goal results that the feedback carries: those of the last goals that ended."""
+"""Number of most recently ended goals whose results the navigator's feedback carries."""
 
 
 class PoseBelief(Message):
@@ -153,7 +153,7 @@ class GoalReply(Reply):
 
 
 class CancelRequest(Request):
-    """End the present goal; the robot comes to stand on both feet."""
+    """End the present goal; the robot stops walking and stands."""
 
     goal_id: str | None = Field(default=None, max_length=64, description="only if this is the goal; null = any")
     at_tick: int | None = Field(
@@ -162,7 +162,7 @@ class CancelRequest(Request):
 
 
 class SetPoseRequest(Request):
-    """Set the pose of the robot."""
+    """Set the navigator's estimate of the robot's pose in the map; the present goal continues."""
 
     pose: FloorPose
     covariance: Covariance3 | None = Field(default=None, description="null = 5 cm, 5 cm, 5 deg")

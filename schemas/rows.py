@@ -31,7 +31,8 @@ class ModelPlace(NamedTuple):
 
 
 class ModelPlaces:
-    """Models of a file in `schemas/` by their names, as places: a program imports the files of its own topics only."""
+    """Access to the models of a file in `schemas/` as attributes, each a `ModelPlace`, so that only used files are
+    imported."""
 
     def __init__(self, file: str) -> None:
         self._file = file
@@ -114,12 +115,14 @@ class Topic(Generic[M]):
 
     @property
     def framed(self) -> bool:
-        """True if participants get it inside the frame its owner publishes once a tick (``surefoot.bus.frame``)."""
+        """True if the topic's messages reach participants in the frame its owner publishes once a tick
+        (``surefoot.bus.frame``)."""
         return self.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or self.key == TICK_KEY
 
     @property
     def signed(self) -> bool:
-        """True if messages name the process that published them; participants obey the one they are bound to."""
+        """True if the topic's messages name the process that published them, so that those of another process are
+        refused."""
         return self.framed or self.kind is Kind.LATCHED
 
     def due(self, tick: int) -> bool:

@@ -89,7 +89,8 @@ LEVEL = BasePose.model_construct()
 
 
 class Actuation(Request):
-    """The posture in which the servos hold the robot, and what they can do."""
+    """Posture (joint angles, pose of base_link) in which the servos hold the robot, and the torque limits of its
+    joints."""
 
     joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
     base: BasePose = Field(default=LEVEL, description="pose of base_link")
@@ -102,7 +103,8 @@ class Actuation(Request):
 
 
 class RegionRequest(RegionFields):
-    """Asks where the centre of mass may be: at rest, while it accelerates, on doubtful ground, with limited torques."""
+    """Asks where the centre of mass may be: at rest, accelerated, on ground of uncertain tilt, or with limited
+    torques."""
 
     schema_version: ClassVar[str] = "1.1"
     actuation: Actuation | None = Field(
@@ -113,7 +115,7 @@ class RegionRequest(RegionFields):
 
 
 class SupportPoint(Reply):
-    """Reach of the region in one direction."""
+    """Farthest extent of the region of the centre of mass in one horizontal direction, with its proof."""
 
     direction: Vec2 = Field(description="unit direction a, frame world")
     value: float | None = Field(description="h(a) = largest a'c over the region, m; null unless status is ok")
@@ -165,7 +167,8 @@ class RegionReply(Reply):
 
 
 class Doubt(Request):
-    """Uncertainty of the inputs: standard deviations count kappa times, bounds fully."""
+    """Uncertainty of a stability check's inputs, which lowers its margin: standard deviations count `kappa` times,
+    bounds fully."""
 
     com_sd_m: float = Field(default=0.0, ge=0, le=1, description="m, of the centre of mass, each horizontal axis")
     foot_sd_m: float = Field(default=0.0, ge=0, le=1, description="m, of each contact point, each axis")
@@ -175,7 +178,8 @@ class Doubt(Request):
 
 
 class CheckRequest(RegionFields):
-    """Asks whether the robot stands, and still does after its trunk moved over its feet (Walas & Belter 4.3, 4.6)."""
+    """Asks whether the robot is stable, and still is after a movement of its trunk over its feet (Walas & Belter 4.3,
+    4.6)."""
 
     schema_version: ClassVar[str] = "1.4"
     com: Vec2 | None = Field(
@@ -201,7 +205,7 @@ class CheckRequest(RegionFields):
 
 
 class MarginGradient(Reply):
-    """Gradient of the signed margin of the CoM; where two edges are equally near, that of one of them."""
+    """Gradient of the signed margin of the centre of mass; of two equally near edges, that of the margin to one."""
 
     com: Vec2 = Field(description="d margin / d com, no unit")
     mu: tuple[float, ...] = Field(description="m, d margin / d mu of each contact; 0 where mu is null")
@@ -209,7 +213,7 @@ class MarginGradient(Reply):
 
 
 class CheckReply(RegionReply):
-    """Safety of a movement, and its margins."""
+    """Reply to a stability check: region and margins of the centre of mass before and after a movement of the trunk."""
 
     schema_version: ClassVar[str] = "1.2"
     stable: bool = Field(description="status is ok and margin >= 0")
@@ -244,7 +248,7 @@ class CheckReply(RegionReply):
 
 
 class EquilibriumRequest(Request):
-    """Asks for forces that hold the robot with its CoM at a place."""
+    """Asks for contact forces that hold the robot with its centre of mass at a given place."""
 
     schema_version: ClassVar[str] = "1.1"
     contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="contacts")
@@ -257,7 +261,7 @@ class EquilibriumRequest(Request):
 
 
 class EquilibriumReply(Reply):
-    """Forces that hold the robot, or the proof that there are none."""
+    """Contact forces that hold the robot, or the proof (a twist) that there are none."""
 
     schema_version: ClassVar[str] = "1.1"
     held: bool = Field(description="there are such forces")
@@ -305,7 +309,7 @@ class ComRequest(Request):
 
 
 class ComReply(Reply):
-    """Position of the centre of mass by kinematics and by forces, with the correction of torques."""
+    """Position of the centre of mass by kinematics and by foot forces, and the factor that corrects the torques."""
 
     schema_version: ClassVar[str] = "1.1"
     com: Vec3 = Field(description="m, frame world: by kinematics")

@@ -8,7 +8,8 @@ from .base import Message, Reply, Request, Wire
 
 
 class Done(Message):
-    """Message of a service that it has finished a tick; ``tick`` -1 = all its links are proved, ready to start."""
+    """Report of a service that it has finished a tick; ``tick`` -1: all its links are tested, and it is ready to
+    start."""
 
     instance: str = Field(description="identity of the process: a late done of a dead one must not count")
     ready: bool = Field(default=False, description="true in the answer to PRIME")
@@ -24,14 +25,15 @@ class JoinRequest(Request):
 
 
 class JoinReply(Reply):
-    """Acceptance of a service; the driver primes it next, and the roster of a later tick names it."""
+    """Reply to a service that asks to join: if accepted, the driver tests its links, and a later tick's roster names
+    it."""
 
     accepted: bool = Field(description="false: the reason says why")
     reason: str = Field(default="", description="in words")
 
 
 class Health(Message):
-    """Life of a service, once a second of wall time; ``health/<service>`` is also a queryable."""
+    """Health of a service, published each second of wall time; ``health/<service>`` is also a queryable."""
 
     schema_version: ClassVar[str] = "2.2"
     service: str = Field(description="name of the service")

@@ -1,4 +1,4 @@
-"""The terrain map as it travels: JSON header in the attachment, float32 heights as payload."""
+"""Messages of the terrain map and the landmark map, whose heights and places travel as float32 numbers."""
 
 from pydantic import Field
 
@@ -41,7 +41,7 @@ class ElevationMap(Message):
 
 
 class MapRequest(Request):
-    """Asks for a latched map; the reply is the message as published."""
+    """Asks for a map that was published once and stays valid (latched); the reply is that message."""
 
 
 class LandmarkMap(Bulk):

@@ -22,7 +22,7 @@ class Variant(Reply):
 
 
 class WhatifRequest(Request):
-    """Asks what happens when a leg is lifted, or when one more foot stands at a candidate place."""
+    """Asks for the stability without each contact in turn, and with one more contact at each candidate place."""
 
     contacts: Contacts = Field(description="contacts now")
     com: Vec2 = Field(description="x, y of the centre of mass, frame world, m")
@@ -45,7 +45,7 @@ class BatchSet(Request):
 
 
 class BatchRequest(BulkRequest):
-    """Asks about many contact sets at once: as ``sets``, or as ``counts`` and raw numbers.
+    """Asks for the stability of many contact sets at once: as ``sets``, or as ``counts`` and raw numbers.
 
     JSON is limited to 1 MiB and 1000 sets. Raw: the payload is float64, little-endian, x and y of
     the CoM of each set, then for every contact of all sets, one set after the other, position (3), normal (3), mu (inf
