@@ -46,7 +46,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load a part at its first use."""
+    """Return a part of the library, such as `stability`, which is imported at its first use."""
     if name in _PARTS:
         return import_module(f"surefoot.{name}")
     if name in _PLACES:

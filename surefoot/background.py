@@ -12,14 +12,15 @@ Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
 
 NICE = 5
-"""Niceness of threads other than the one that runs ticks, so that ticks have priority."""
+"""Niceness (Linux: 0 = usual, higher = yields to others) of threads that run no ticks, so that ticks have priority."""
 
 MOST_WAITING = 8
 """Largest number of requests that wait or are being answered; a further one is refused as `busy`."""
 
 
 def be_nice() -> None:
-    """Lower the priority of the calling thread below the others' (Linux: niceness belongs to a thread)."""
+    """Set the niceness of the calling thread to `NICE`, so that threads with ticks have priority (Linux: one per
+    thread)."""
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
 
 

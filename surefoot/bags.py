@@ -24,7 +24,7 @@ def messages(path: str | PathLike[str], *keys: str) -> Iterator[Message]:
     """Yield the decoded messages of the topics `keys`, of all topics without `keys`, in the order of their stamps.
 
     Raises:
-        SurefootError: an unknown key, a file that cannot be read, a message that is none of its topic.
+        SurefootError: an unknown key, a file that cannot be read, a message that does not fit its topic.
     """
     for key in keys:
         topic_named(key)

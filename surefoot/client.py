@@ -100,7 +100,7 @@ class Client:
             fields: fields of the request.
 
         Raises:
-            SurefootError: no such query, a field the request does not have, or a wait that is none.
+            SurefootError: no such query, a field the request does not have, or an invalid wait.
             CallError: `absent` (no service answers), `timeout`, or the service's refusal.
             BusError: the client is closed.
         """
@@ -115,7 +115,7 @@ class Client:
             raise CallError("absent", f"{error.message}{self._others()}", error.field) from None
 
     def _others(self) -> str:
-        """Return which other systems run if none has the name of this client's, in words."""
+        """Return a text on which systems run at the router if no service of this client's system does; else empty."""
         return others_running(self.bus.session, self.bus.endpoint)
 
     def _open(self) -> None:
@@ -157,7 +157,7 @@ class Client:
             timeout_s: the iterator ends when no message comes for so long, s of wall time; None = never.
 
         Raises:
-            SurefootError: no such topic, or a wait that is none.
+            SurefootError: no such topic, or an invalid wait.
             BusError: the client is closed.
         """
         row, limit = _topic(topic), wait_s(timeout_s, "no end")
@@ -183,7 +183,7 @@ class Client:
             timeout_s: longest wait, s of wall time; None = no end.
 
         Raises:
-            SurefootError: no such topic, or a wait that is none.
+            SurefootError: no such topic, or an invalid wait.
             CallError: no message comes in time; the text names the reason if time is paused.
             BusError: the client is closed.
         """
@@ -195,7 +195,7 @@ class Client:
         raise CallError("timeout", f"no message on {topic.key!r} within {timeout_s:g} s{reason}")
 
     def standing_still(self) -> str:
-        """Return why simulated time does not run, in words; empty while it runs, or when no simulator answers."""
+        """Return a text on why simulated time stands still; empty while it runs, or when no simulator answers."""
         try:
             return standing_still(self.bus.call(SIM_STATUS_GET, SIM_STATUS_GET.request(), 1.0))
         except CallError:

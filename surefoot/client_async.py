@@ -29,8 +29,8 @@ class AsyncClient:
     def messages(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> AsyncIterator[M]:
         """Return an asynchronous iterator over the messages of a topic, given by its key or row.
 
-        It ends when no message comes for `timeout_s` s of wall time (None = never). An unknown topic, a wait that is
-        none or a closed client raises SurefootError at once.
+        It ends when no message comes for `timeout_s` s of wall time (None = never). An unknown topic, an invalid
+        wait or a closed client raises SurefootError at once.
         """
         self.client.messages(topic, timeout_s)  # checks; nothing is subscribed before it is read
         return self._messages(topic, timeout_s)

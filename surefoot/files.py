@@ -11,7 +11,7 @@ from surefoot.tables import TableError
 
 MAX_FILE_BYTES = 256 * 1024  # written by hand; more is a mistake
 NAMED = {"compose": "system", "scenarios": "scenario"}
-"""Noun by which an error message calls the files of a folder, by name of the folder."""
+"""Noun for the files of a folder in error messages, by name of the folder."""
 
 
 class FileError(TableError):

@@ -5,11 +5,12 @@ import os
 from contextlib import suppress
 
 M_ARENA_MAX = -8
-"""Name of the limit for `mallopt`, from malloc.h of the GNU C library."""
+"""Number of the parameter of `mallopt` that limits the number of heaps, from malloc.h of the GNU C library."""
 
 ARENAS = 2
-"""Heaps of a process. By default the threads share eight for each core, and each keeps what the messages of a peer
-needed at most: 20 MB after 25 restarts of a peer. The bus has two busy threads; more heaps make nothing faster."""
+"""Number of malloc heaps that a process may have. By default its threads share eight for each core, and each keeps what
+the messages of a peer needed at most: 20 MB after 25 restarts of a peer. The bus has two busy threads; more heaps make
+nothing faster."""
 
 
 def share_heaps() -> None:
@@ -23,7 +24,7 @@ def share_heaps() -> None:
 
 
 def hand_back() -> None:
-    """Give the pages of freed memory that glibc keeps back to the system; does nothing with another C library.
+    """Return the pages of freed memory that glibc keeps to the operating system; does nothing with another C library.
 
     When a process ends, the processes that exchanged messages with it each keep about 0.1 MB of freed memory in their
     heaps, which the C library would never return.

@@ -15,11 +15,13 @@ class LogLine:
     """Parts of one line of a service's log."""
 
     time: str
-    """UTC, ISO 8601 with ms: lines of several services sort by it as texts."""
+    """Time of the line, UTC, ISO 8601 with ms, so that lines of several services, sorted as texts, are in order of
+    time."""
     level: str
     service: str
     tick: int | None
-    """Number of the last tick that the service had finished; None = before the first tick of a run."""
+    """Number of the last control tick that the service had finished at that time; None = before the first tick of a
+    run."""
     text: str
 
 

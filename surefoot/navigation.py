@@ -32,7 +32,7 @@ FAR = 1e5
 LONGEST_MOTION = 100.0
 """Largest motion of one prediction, m; a longer one is refused, as probably in millimetres."""
 BESIDE = 0.2
-"""Width of the strip beside an obstacle's clearance in which a route costs more, m."""
+"""Distance to an obstacle beyond the robot's radius, m, below which a route costs more."""
 WIDEST_TURN = 6.3
 """Largest absolute angle, rad; a larger one is refused, as probably in degrees."""
 
@@ -121,7 +121,7 @@ def grid(
         origin: lower left corner of an array, (2,) m, frame map.
 
     Raises:
-        SurefootError: it is none of these.
+        SurefootError: `source` is none of these.
     """
     if isinstance(source, HeightMap):
         return grid_of(source)

@@ -87,10 +87,10 @@ class StrictWorld(PhysicsWorld):
         super().push((x, y, z), number(duration, "duration", "s"), body, whole(start_tick, "start_tick"))
 
     def displace(self, forward: float, left: float, turn: float, *, only_ask: bool = False) -> None:
-        """Move the robot in its posture by m and rad, heading axes; `only_ask`: only check whether it can stand there.
+        """Move the robot in its posture by `forward`, `left`, m, and `turn`, rad; `only_ask`: only check whether it can stand.
 
         Raises:
-            SurefootError: numbers that are none, a foot is in the air, or the robot cannot stand there.
+            SurefootError: an invalid number, a foot is in the air, or the robot cannot stand there.
         """
         way = number(forward, "forward", "m"), number(left, "left", "m"), number(turn, "turn", "rad")
         super().displace(*way, only_ask=only_ask)

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any, cast
 
 ENDPOINT, SECRET = "endpoint.json", "secret.json"
-"""`ENDPOINT`: name of the file in a run folder that holds the address of its system; `SECRET`: of that with its
-secret."""
+"""`ENDPOINT`: name of the file in a run folder that holds the address of its system; `SECRET`: name of the file there
+that holds the secret of the system."""
 
 
 def state_home() -> Path:
-    """Return the folder that holds all run folders."""
+    """Return the state folder of this user, which holds the run folders of all systems."""
     base = os.environ.get("XDG_STATE_HOME", "")
     return (Path(base) if os.path.isabs(base) else Path.home() / ".local" / "state") / "surefoot"
 

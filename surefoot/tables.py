@@ -34,7 +34,8 @@ _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 2
 _SHORT.maxstring = _SHORT.maxother = 120
 shown = _SHORT.repr
-"""Shorten a received value for a message: a few lines of YAML with aliases can stand for gigabytes."""
+"""Return a shortened text of a received value, for an error message; a few lines of YAML with aliases can stand for
+gigabytes."""
 
 M = TypeVar("M")
 

@@ -28,14 +28,15 @@ __all__ = ["HeightMap", "LearnedModel", "PatchFoothold", "foothold", "generate",
 HIGHEST = 100.0
 """Largest absolute height in a terrain patch, m; a larger one is refused, as probably in millimetres."""
 LARGEST_FOOT, LARGEST_CELL, LONGEST_STROKE = 0.5, 0.5, 2.0
-"""Largest foot radius, cell edge and component of a foot's stroke, m; larger ones are refused."""
+"""`LARGEST_FOOT`: largest radius of a foot, m; `LARGEST_CELL`: largest edge of a cell, m; `LONGEST_STROKE`: largest
+component of a foot's stroke, m; larger ones are refused."""
 
 
 def slip_model(source: str | PathLike[str] = "ragno") -> LearnedModel:
     """Return a learned model of how far feet slip, by the name of its robot or the path of its file.
 
     Raises:
-        SurefootError: there is none.
+        SurefootError: there is no such model.
     """
     path = file_path(source, "source")
     return load_model(shipped(source) or path if isinstance(source, str) else path)

@@ -19,30 +19,30 @@ from surefoot.robot.reader import robot_names as names
 __all__ = ["Robot", "RobotError", "com", "feet", "joints", "load", "names", "stance"]
 
 FARTHEST = 10.0
-"""Largest distance of a foot from the trunk, m; more is taken for millimetres."""
+"""Largest absolute coordinate of a foot in base_link, m; a larger one is refused, as probably in millimetres."""
 
 
 def stance(robot: Robot) -> Array:
-    """Return the neutral joint angles, (nj,) rad."""
+    """Return the neutral joint angles of a robot, (nj,) rad, in the order of its description."""
     return _known(robot).neutral.copy()
 
 
 def feet(robot: Robot, q: ArrayLike) -> Array:
-    """Return the foot centres, (L, 3) m, of joint angles q (nj,) rad (raises FieldError)."""
+    """Return the foot centres in base_link, (L, 3) m, at joint angles q (nj,) rad (raises FieldError)."""
     return kinematics.foot_positions(_known(robot).model, _angles(robot, q))
 
 
 def com(robot: Robot, q: ArrayLike) -> Array:
-    """Return the centre of mass, (3,) m, of joint angles q (nj,) rad (raises FieldError)."""
+    """Return the centre of mass of a robot in base_link, (3,) m, at joint angles q (nj,) rad (raises FieldError)."""
     return kinematics.com(_known(robot).model, _angles(robot, q))
 
 
 def joints(robot: Robot, feet: ArrayLike) -> Array:
-    """Return joint angles that put the feet there, (nj,) rad.
+    """Return joint angles, (nj,) rad, at which the foot centres are at `feet`.
 
     Args:
         robot: description; legs without a closed form are solved step by step from the neutral stance.
-        feet: foot centres, (L, 3) m.
+        feet: foot centres in base_link, (L, 3) m.
 
     Raises:
         FieldError: a shape, NaN or range, or a place that a leg cannot reach.
