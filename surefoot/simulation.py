@@ -87,7 +87,7 @@ class StrictWorld(PhysicsWorld):
         super().push((x, y, z), number(duration, "duration", "s"), body, whole(start_tick, "start_tick"))
 
     def displace(self, forward: float, left: float, turn: float, *, only_ask: bool = False) -> None:
-        """Move the robot in its posture by `forward`, `left`, m, and `turn`, rad; `only_ask`: only check whether it can stand.
+        """Move the robot by `forward`, `left` (m) and `turn` (rad), heading axes; `only_ask`: only check the place.
 
         Raises:
             SurefootError: an invalid number, a foot is in the air, or the robot cannot stand there.

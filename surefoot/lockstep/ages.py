@@ -31,9 +31,9 @@ class Ages:
     def __init__(self, inputs: Iterable[Input]) -> None:
         self._rows = [item.topic if isinstance(item, Delayed) else item for item in inputs]
         self.late: dict[str, float] = {}
-        """Inputs that are late, and their age, s."""
+        """Age of each input that is late now, s of simulated time, by key of its topic."""
         self.longest: dict[str, float] = {}
-        """Greatest age of each input that was late in this epoch, s."""
+        """Greatest age of each input that was late in this run (epoch), s of simulated time, by key of its topic."""
         self.begin()
 
     def begin(self, limits: Mapping[str, int] | None = None) -> None:
@@ -47,16 +47,17 @@ class Ages:
         self._owners = {row.key: row.owner for row in self._rows if row.key in self._limits}
         self._stamps: dict[str, int] = {}
         self._newest: dict[str, Any] = {}
-        """Last message of each key since the ages were last worked out."""
+        """Last message of each key since the ages were last computed."""
         self._due_ns = -1
-        """Stamp until which no input can become late unless ``_known`` changes: the ages are worked out after it."""
+        """Stamp of a tick, ns, up to which no input can become late unless ``_known`` changes; ages are computed again
+        after it."""
         self._known: tuple[Any, Any] = (None, None)
         self._times: Counter[str] = Counter()
         self.late = {}
         self.longest = {}
 
     def judge(self, inputs: TickInputs, absent: Iterable[str], log: Callable[[str, str], None]) -> None:
-        """Update the ages from the inputs of a tick; log the first ``LOGGED`` times an input becomes late or returns.
+        """Update the ages from a tick's inputs; log the first ``LOGGED`` times that an input becomes late or returns.
 
         Args:
             inputs: inputs of the tick; its ``late`` is filled in: age of each late input, s, by key.

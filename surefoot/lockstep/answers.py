@@ -15,7 +15,7 @@ NOT_READY_S = 2.0
 """Wall time after which a query about a tick that has not come is answered by the error ``not_ready``, s."""
 
 SENDERS = 4
-"""Number of newest requests of each key whose answers are kept, for senders that repeat a request."""
+"""Number of requests of each query, the newest ones, whose answers are kept for senders that repeat a request."""
 
 
 class LateAnswer(NamedTuple):

@@ -50,7 +50,8 @@ class Bindings:
         """Time of the seal of the newest frame by key and process, ns of the machine."""
         self._early: Counter[tuple[str, str]] = Counter()
         self._turn: Counter[str] = Counter()
-        """Index of the candidate of each service that ``candidates`` returns first at its next call."""
+        """Index from which ``candidates`` begins at its next call, by service, if there are more than `MOST_TRIED`
+        processes."""
 
     def on_life(self, life: Life) -> str:
         """Record that a process appeared or left; return the bound process if another appears beside it, else ""."""
@@ -144,7 +145,7 @@ class Bindings:
         return "replayed" if frame.sealed_ns <= self._newest.get((frame.family, frame.instance), 0) else ""
 
     def note_early(self, service: str, instance: str) -> None:
-        """Count a frame of a process that the service is not bound to, or not yet."""
+        """Count a frame of a process that the service is not bound to, as it may be bound later (see ``forgive``)."""
         if (service, instance) in self._early or len(self._early) < MOST_EARLY:
             self._early[service, instance] += 1
 

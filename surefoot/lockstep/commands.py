@@ -23,11 +23,11 @@ class Commands:
         self._sender = ""
 
     def known(self, tick: int) -> bool:
-        """Return whether a command of a tick was accepted."""
+        """Return whether a joint command of a tick was accepted."""
         return self._by_tick.get(tick) is not None
 
     def answered(self, tick: int) -> bool:
-        """Return whether a command of a tick came, accepted or refused."""
+        """Return whether a joint command of a tick was received, accepted or refused."""
         return tick in self._by_tick
 
     def offer(self, command: JointCommand, tick: int, check: Callable[[JointCommand], None], sender: str = "") -> None:

@@ -24,12 +24,13 @@ from surefoot.schemas.topics import CMD_JOINTS, HW_TICK, SIM_JOIN, TICK_DONE, TI
 
 PRIME_S = 0.02
 JOIN_TIMEOUT_S = 90.0
-"""Limit on the wait for the first or next service that becomes ready."""
+"""Longest wait before tick 0 for a further service to become ready, s of wall time; after it the start is given up."""
 HOLD_S = 120.0
 """Longest wait for the return of a lost member, s of wall time; after it the run ends."""
 SILENCE_S, RESENDS, REPEAT_S = 0.25, 8, 1.0
-"""`SILENCE_S`: wall time without progress after which the last ticks are sent again, s; `RESENDS`: repetitions after
-which the slowest member counts as lost; `REPEAT_S`: interval of repetitions in a hold, s."""
+"""`SILENCE_S`: wall time without progress after which the last ticks are sent again, s; `RESENDS`: number of
+repetitions after which the slowest member counts as lost; `REPEAT_S`: interval of repetitions while a lost member is
+awaited, s."""
 STATUS_S = 1.0
 """Longest wall time between two calls of ``Driver.on_status``, s, whether simulated time runs or not."""
 
@@ -67,11 +68,11 @@ class Driver(Service[C]):
         """Publish the state of simulated time, if the driver does so; called every `STATUS_S` of wall time."""
 
     def check(self, command: JointCommand) -> None:
-        """Refuse a command the hardware must not obey (raises Refusal)."""
+        """Raise a Refusal if a joint command is one that the hardware must not obey."""
 
     @property
     def node(self) -> "DriverNode":
-        """The runtime, for queries that reset, pause or step."""
+        """Runtime of the driver, which its handlers of queries use to reset, pause or step the run."""
         return cast(DriverNode, self.runtime)
 
 
@@ -87,7 +88,7 @@ class DriverNode(Node):
         self.held = False
         """True while the joints are held, because commands stopped or are refused; False while commands apply."""
         self.gave_up = ""
-        """Reason why the run was ended early; empty = it was not."""
+        """Reason why the run was ended before its time, in words; empty = it was not."""
         self._judging = tuple(topic.key for topic in service.outputs if topic.observers_only)
         self._unrevealed: list[tuple[int, DueSample]] = []
         self._joining: dict[str, float] = {}

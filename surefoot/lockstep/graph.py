@@ -18,7 +18,7 @@ class Edge:
     target: str
     key: str
     kind: str
-    """Kind of the connection between two services: topic or query."""
+    """Kind of the connection between two services: `topic` or `query`."""
     delayed: bool = False
 
 

@@ -32,7 +32,8 @@ class Patient(Protocol):
 
 
 def kernels(state: str) -> Literal["warm", "compiling", "none"]:
-    """Return whether the compiled kernels of a service in `state` are there (warm), being compiled, or none."""
+    """Return the state of a service's compiled kernels: loaded (warm), being compiled, or none; `state`: of the
+    service."""
     if COMPILING.busy or state == "compiling":
         return "compiling"
     return "warm" if COMPILING.used and state != "starting" else "none"

@@ -20,9 +20,9 @@ from surefoot.schemas.hw import FootContacts, Imu, JointState
 from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, TICK_NS
 
 LOW_M = 0.005
-"""Height above the lowest foot up to which a foot counts as standing if contacts and forces are unknown, m."""
+"""Height above the lowest foot, m, below which a foot counts as standing if contacts and forces are unknown."""
 UP_TICKS = 50
-"""Number of ticks over which the accelerometer is averaged to find the direction of gravity."""
+"""Number of ticks over which the accelerometer is averaged for the direction of gravity, which heights of feet need."""
 BACK_NS, AHEAD_NS = 1_000_000_000, 10_000_000_000
 """Steps of an inertial stamp, ns, beyond which the clock counts as having jumped: `BACK_NS` back, `AHEAD_NS` ahead; a
 smaller step back is a late sample. Joint and foot samples so far from the newest inertial one are refused."""

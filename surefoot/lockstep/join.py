@@ -17,11 +17,10 @@ from surefoot.schemas.topics import HW_TICK, TICK_NS, Kind, Topic
 DRIVER = "driver"
 _TICK = HW_TICK.key
 NAMED = ("epoch_ahead", "stale_epoch", "too_far_ahead", "stamp", "conflict", "too_much")
-"""Codes of refused inputs for which the log names key and process."""
+"""Codes of refused inputs whose log line names the key of the input and the process that sent it."""
 
 SENDER_BYTES, SMALL_BYTES = 16 << 20, 4096
-"""`SENDER_BYTES`: most bytes of waiting inputs of one service; `SMALL_BYTES`: input size up to which it is not
-counted."""
+"""`SENDER_BYTES`: limit on a service's waiting inputs, bytes; `SMALL_BYTES`: size, bytes, up to which one counts 0."""
 
 MISLED_PRIMES = 3
 """Number of primes in a row of a run not yet begun, after which a service that did ticks of that run counts as misled
@@ -44,7 +43,8 @@ BACKLOG_TICKS = 8
 skip every second tick would lack each other's messages for ever."""
 
 BATCH_PATIENCE_TICKS, BATCH_BACKLOG_TICKS = 30, 1000
-"""`BATCH_PATIENCE_TICKS`, `BATCH_BACKLOG_TICKS`: as `PATIENCE_TICKS`, `BACKLOG_TICKS`; for ticks in batches of ten."""
+"""`BATCH_PATIENCE_TICKS`, ticks: as `PATIENCE_TICKS`, of a service that gets ten ticks at once; `BATCH_BACKLOG_TICKS`,
+ticks: as `BACKLOG_TICKS` of such a service."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Join:
         self._latched_keys = {topic.key for topic in self.latched}
         self.owners = {topic.key: topic.owner for topic in (*self.same_tick, *self.delayed, *self.latched)}
         self.absent: set[str] = set()
-        """Keys that will never be published: the driver has no such sensor."""
+        """Keys of declared inputs that will never be published, as the driver has no such sensor."""
         self.epoch = -1
         self.last = -1
         self.on_roster = False
@@ -107,12 +107,12 @@ class Join:
         """Number of times a run began, including again for a service that another process had misled."""
         self._newest = self._admitted = -1
         self._first_ns, self._last_ns = -math.inf, math.inf
-        """Stamps from the first on are accepted, and up to the last beyond that of their tick since tick 0, ns."""
+        """`_first_ns`: least accepted stamp, ns; `_last_ns`: greatest one in tick 0, ns, 10 ms more per later tick."""
         self._announced = -1
         self._ticks: dict[int, Tick] = {}
         self._slots: dict[tuple[int, int], dict[str, Any]] = {}
         self._latched: dict[tuple[str, int], Any] = {}
-        """Latched messages by key and epoch."""
+        """Latched messages by key of the topic and run number (epoch)."""
         self._unbegun = 0
         """Number of manifests (primes) of a run not yet begun by the driver of which this service already did ticks."""
         self._previous_roster: tuple[str, ...] = ()
@@ -128,7 +128,7 @@ class Join:
         self._repeated = 0
         """Number of times the driver repeated the newest tick since this service finished its last one."""
         self._lacking: set[str] | None = None
-        """Inputs that tick ``last + 1`` still waits for; None = not computed yet."""
+        """Keys of the inputs that tick ``last + 1`` still waits for; None = not computed yet."""
 
     def offer(
         self, topic: Topic[Any], message: Header, value: Any = None, sender: str = "", size: int = 0
@@ -168,7 +168,7 @@ class Join:
             return None
         if here:
             awaited = self.last if key in self._delayed_keys else self.last + 1
-            """Earliest tick whose message this input still needs; older messages have been used."""
+            """Number of the earliest tick whose message this input still needs; earlier messages have been used."""
             if tick < awaited:
                 return self._again(key, value, sender, self._taken if tick == awaited - 1 else {})
             if tick > self._newest + MAX_AHEAD and tick > self.last + MAX_AHEAD and self.on_roster:
@@ -190,7 +190,7 @@ class Join:
         return None
 
     def _again(self, key: str, value: Any, sender: str, known: dict[str, Any]) -> str:
-        """Return `conflict` for a message that its process published before with another content."""
+        """Return `conflict` if the process sent this message before with another content, else `duplicate`."""
         same = key not in known or sender != self._senders.get(key) or known[key] == value
         return "duplicate" if same else "conflict"
 
@@ -230,11 +230,11 @@ class Join:
         return True
 
     def _forget(self, epoch: int) -> None:
-        """Drop inputs of a run that the driver has yet to begin: it has none, whoever sent them."""
+        """Drop the inputs of a run (epoch) that the driver has not begun: no process can have valid ones."""
         self._slots = {key: slot for key, slot in self._slots.items() if key[0] != epoch}
 
     def _forget_before(self, tick: Tick) -> None:
-        """Drop inputs of ticks that are over, but those delayed into the next one: they leave no room for others."""
+        """Drop inputs older than the tick before ``tick``, whose delayed inputs are still needed, to make room."""
         oldest = (tick.epoch, tick.tick - 1)
         self._slots = {key: slot for key, slot in self._slots.items() if key >= oldest}
 

@@ -63,9 +63,9 @@ class Leader:
     reason: str = ""
     members: dict[str, Member] = field(default_factory=dict[str, Member])
     ready: dict[str, str] = field(default_factory=dict[str, str])
-    """Services that have tested their links but are not on the roster yet: process name by service."""
+    """Services that have tested their links but are not on the roster yet: name of the process by service."""
     lost: set[str] = field(default_factory=set[str])
-    """Members whose process is gone and whose return is awaited."""
+    """Services on the roster whose process is gone and whose return is awaited."""
     _manifests: dict[int, Tick] = field(default_factory=dict[int, Tick])
 
     def begin(self, epoch: int) -> None:

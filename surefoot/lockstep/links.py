@@ -34,7 +34,7 @@ class Links:
         self._proved: set[str] = set()
         self._servers: dict[str, str] = {}
         self.unproved: tuple[str, ...] = ()
-        """Keys whose links the last prime did not prove; empty = all links work."""
+        """Keys of topics and queries whose links the last prime did not prove; empty = all links work."""
 
     def need(self, rows: Iterable[Row]) -> None:
         """Set the topics and queries whose links a service needs."""

@@ -107,7 +107,7 @@ class Node:
             self.inbox.put_query(incoming)
 
     def _on_compile(self, name: str) -> None:
-        """Log that a kernel is not in the cache while the service prepares."""
+        """Log the name of the first kernel that is compiled while the service prepares."""
         if self.state == "starting":
             self.state = "compiling"
             self.log("info", f"compiling kernels, {name} first; `surefoot warm` does so ahead of time")
@@ -151,7 +151,7 @@ class Node:
         return False
 
     def _turn(self, deadline: float) -> bool:
-        """Handles what a tick needs, one more query, one observed message and at most one tick; was there anything?"""
+        """Handle what a tick needs, one query, one observed message, at most one tick; return whether any was there."""
         inbox, clock, endless = self.inbox, self.clock, deadline == math.inf
         items, take, progressed = inbox.tick.items, inbox.tick.get, bool(inbox.tick.items or inbox.heartbeats.items)
         while items and (endless or clock() < deadline):
@@ -232,7 +232,7 @@ class Node:
                     self._on_delivery(delivery)
 
     def _speaks(self, owner: str, instance: str, last: Delivery) -> bool:
-        """Return whether a process is bound to a service: it proved its links, or does so now."""
+        """Return whether a process is bound to the service `owner`; its first test of links (prime) may bind it."""
         before = self._bound.get(owner, "")
         if before == instance or owner == "*":
             return True
@@ -275,7 +275,7 @@ class Node:
             self.log("warning", f"refused ({reason}): {detail}")
 
     def _on_prime(self, prime: Tick) -> None:
-        """Answer the driver's proof of links before tick 0 in kind; report when those from the roster are proved."""
+        """Answer the driver's test of links (prime) by primes of all outputs; report ready once all links work."""
         self._primed_at = self.clock()
         if not self.join.announce(prime):
             self.refuse("misled", f"tick {self.join.last} of epoch {prime.epoch}, which the driver has yet to begin")
@@ -362,7 +362,7 @@ class Node:
             box.append((publisher, token))
 
     def _replay(self, epoch: int, tick: int) -> None:
-        """Answer a repeated tick by the same bytes, and by how far this service is: the driver sees who is silent."""
+        """Publish a repeated tick's messages again, unchanged, and report the last tick that is done."""
         self.bus.cork()
         for publisher, token in self._outbox.get((epoch, tick), ()):
             publisher.resend(token)

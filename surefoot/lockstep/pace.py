@@ -23,7 +23,7 @@ class Pace:
         self.factor = 0.0
         """Requested ratio of simulated to wall time; 0 = as fast as possible."""
         self.given_up_s = 0.0
-        """Delay that is not caught up since ``begin``, s of wall time, by which the due times were moved."""
+        """Total delay since ``begin`` that is not caught up, s of wall time, by which the due times were moved."""
         self._origin = (clock(), 0)
         self._reported_s = 0.0
 

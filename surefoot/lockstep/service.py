@@ -76,7 +76,7 @@ class Service(Generic[C]):
         """Compile the kernels of rare queries; called by `surefoot warm --all`, not at the start of the service."""
 
     def on_reset(self) -> None:
-        """Drop all state at the begin of a new run (epoch)."""
+        """Drop all state of the last run at the beginning of a new one (epoch)."""
 
     def on_config(self) -> None:
         """Apply changed live parameters; called between two ticks after ``config`` was replaced."""
