@@ -27,9 +27,10 @@ from surefoot.errors import CallError
 from surefoot.schemas.topics import HEALTH_GET, Query
 
 LIVE, STARTS = "alive", "starts"
-"""First words of liveliness-token keys of a process: `LIVE` of one that is ready, `STARTS` of one from its start on."""
+"""First words of the keys of liveliness tokens: `LIVE` of a process that is ready, `STARTS` of a process from its start
+on."""
 TOKENS_S = 0.5
-"""Limit on the wait for the liveliness tokens of a service, s; tokens come in a millisecond."""
+"""Limit on the wait for the liveliness tokens of a service, s; they usually come within a millisecond."""
 MEANWHILE_S = 0.5
 
 
@@ -47,8 +48,8 @@ class Asking:
         """Number of refused answers of processes that do not own the query, by key and process."""
         self._session, self._namespace, self._secret = session, namespace, secret
         self._queriers: dict[tuple[str, bool, float], tuple[str, zenoh.Querier]] = {}
-        """Key and querier by query, whether one process is asked, and timeout. One that asked a process that has been
-        replaced is dropped: all peers keep about a kilobyte for a key that only its owner declares."""
+        """Zenoh key and querier by key of the query, whether a single process is asked, and timeout, s. A querier of a
+        replaced process is dropped: all peers keep about a kilobyte for a key that only its owner declares."""
         self._owners: dict[str, str] = {}
 
     def ask(
@@ -106,14 +107,15 @@ class Asking:
         raise self._unanswered(querier, query, timeout, strangers)
 
     def _is_sealed(self, query: Query[Any, Any], instance: str) -> bool:
-        """Return whether the process asked, or any that shows the token of a query's owner, has a sealed name."""
+        """Return whether the process `instance` (empty: any with the token of the query's owner) has a sealed name."""
         tokens = tokens_of(self._session, f"*/*/{instance or '*'}", TOKENS_S)
         shown = [key.split("/")[-2:] for key in tokens]
         sealed = {name for service, name in shown if born_ms(self._secret, service, name)}
         return any(name in sealed for service, name in shown if service == query.owner)
 
     def _may_own(self, query: Query[Any, Any], process: str) -> bool:
-        """Return whether a process shows the token of a query's owner; one that is alone in it is the owner."""
+        """Return whether a process shows the token of a query's owner; the only one that does is recorded as the
+        owner."""
         tokens = visible_to(self._session, f"{LIVE}/{query.owner}/*", TOKENS_S)
         if not tokens and query.key.startswith(HEALTH_GET.key[:-1]):  # all that a service answers while it starts
             return process in visible_to(self._session, f"{STARTS}/{query.owner}/*", TOKENS_S)
@@ -153,7 +155,7 @@ class Asking:
 
 
 def plain_attachment(answer: zenoh.Sample) -> bytes | None:
-    """Return the attachment of an answer without its seal, None if there is none."""
+    """Return the attachment of an answer to a query without its seal; None if the answer has no attachment."""
     attachment = answer.attachment
     return None if attachment is None else without_seal(attachment.to_bytes())[0]
 

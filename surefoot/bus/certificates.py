@@ -11,7 +11,7 @@ from surefoot.disk import whole
 from surefoot.errors import SurefootError
 
 AUTHORITY = "ca"
-"""Name of the files of the authority."""
+"""Name, without suffix, of the files with key and certificate of the certificate authority."""
 INSTALL = "pip install 'surefoot[security]'"
 BEGINS_BEFORE = timedelta(minutes=5)  # clocks of two hosts may differ
 LOOPBACK = ("localhost", "127.0.0.1", "::1")

@@ -1,4 +1,4 @@
-"""The systems that a router knows beside that of a session, for the error of a client that no service answers."""
+"""Search for other systems at the router of a client in whose system no service answers, for the error message."""
 # pyright: reportUnknownMemberType=false
 
 import json
@@ -11,11 +11,11 @@ from surefoot.bus.mesh import tokens_of
 from surefoot.bus.options import ZenohOptions
 
 JOIN_MS = 1000
-"""Limit on the time to join the network a second time, ms."""
+"""Limit on the time to open a second session, which shows the services of all namespaces, ms."""
 
 
 def others_running(session: zenoh.Session, options: ZenohOptions) -> str:
-    """Return in words which systems run at the endpoint of a session in whose own namespace no service lives.
+    """Return a text on the systems that run at a session's endpoint if no service lives in the session's namespace.
 
     The text is empty if services live there, or at a secure endpoint, where each namespace has certificates of its own.
     """

@@ -14,7 +14,7 @@ from surefoot.bus.endpoint import any_port, is_secure, settings_file
 
 STOP, STATUS = "cmd/estop", "sim/status"
 FIRST_S, MOST_S = 0.005, 0.1
-"""`FIRST_S`: wait before an unconfirmed stop is sent again, s, doubled each time; `MOST_S`: largest such wait, s."""
+"""`FIRST_S`: wait before an unconfirmed stop is sent again, s, doubled each time; `MOST_S`: limit of that wait, s."""
 
 
 class Confirmed(NamedTuple):
@@ -37,7 +37,7 @@ class Stopper:
     """Connection to one robot that sends an emergency stop and waits for the driver's confirmation.
 
     Args:
-        ways: endpoint of the robot's router, or those of all its services, including the driver.
+        ways: endpoint of the robot's router, or the endpoints of all its services, including the driver.
         namespace: prefix of the robot's keys.
 
     Raises:

@@ -9,9 +9,9 @@ from surefoot.errors import ConfigError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 SETTINGS = ".json"
-"""Suffix of the Zenoh settings of an identity, in the folder of its robot's certificates."""
+"""Suffix of the file of Zenoh settings of an identity, which lies in the folder of its robot's certificates."""
 OPERATOR = "operator"
-"""Identity of tools, unless SUREFOOT_IDENTITY names another."""
+"""Identity whose certificate tools show at a secure endpoint, unless SUREFOOT_IDENTITY names another."""
 _FORM = re.compile(r"(?:tcp|tls|ws)/(\[[0-9A-Fa-f:.]+\]|[^\s/:\[\]]+):(\d{1,5})([?#].*)?")
 _NAMESPACE = re.compile(r"[^/*$#?]+(/[^/*$#?]+)*")
 _SOURCE = re.compile(r",?\s+at /\S+\.rs:\d+")

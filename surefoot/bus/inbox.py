@@ -18,7 +18,8 @@ _AWAKE = {""}
 """Awaited set of a reader that is awake; it names no service, so no item wakes the reader."""
 
 SMALL_BYTES, FEW = 4096, 256
-"""`SMALL_BYTES`: size up to which an item is queued without counting its bytes, while fewer than `FEW` items wait."""
+"""`SMALL_BYTES`: size of an item, bytes, up to which it is queued without counting its bytes, while fewer than `FEW`
+items wait."""
 TICK_ITEMS, TICK_BYTES = 8192, 96 << 20
 QUERY_ITEMS, QUERY_BYTES = 256, 96 << 20  # a request may bring a map of 64 MiB
 OBSERVED_ITEMS, OBSERVED_BYTES = 256, 4 << 20  # and as much for heartbeats
@@ -41,13 +42,14 @@ class Lane:
 
     def __init__(self, items: int, size: int) -> None:
         self.items: deque[Any] = deque()
-        """Waiting arrivals; tested for emptiness with each message of a tick."""
+        """Items that wait in this queue, oldest first; a node tests it for emptiness with each message of a tick."""
         self._most, self._most_bytes = items, size
         self._few = min(FEW, items)
         self._put = self._taken = 0
         self._lock = threading.Lock()
         self.dropped: Counter[str] = Counter()
-        """Messages refused by key, at least: the bus may have dropped others before."""
+        """Number of messages refused because the queue was full, by key; a lower bound, as the bus may have dropped
+        others."""
 
     def __len__(self) -> int:
         return len(self.items)

@@ -138,7 +138,7 @@ class Incoming(Protocol):
         ...
 
     def reply(self, reply: Wire) -> None:
-        """Send the reply to the client that asked."""
+        """Send the reply of the query to the client that sent it."""
         ...
 
     def fail(self, error: SurefootError) -> None:
@@ -294,7 +294,7 @@ class Bus(Protocol):
         ...
 
     def close(self) -> None:
-        """End the bus; harmless when repeated."""
+        """Close the bus and release its resources; a second call does nothing."""
         ...
 
 

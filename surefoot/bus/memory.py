@@ -76,7 +76,7 @@ class MemoryBus:
         self._sinks: dict[str, list[Callable[[Delivery], Any]]] = {}
         self._families: list[tuple[str, Callable[[Delivery], Any]]] = []
         self._servers: dict[str, dict[str, tuple[Callable[[Incoming], Any], Callable[[Incoming], Any]]]] = {}
-        """Functions that receive queries, by key and process: one for those of any client, one for those of
+        """Functions that receive queries, by key and process: first the one for those of any client, then for those of
         participants."""
         self._owners: dict[str, str] = {}
         self._pumps: dict[str, Callable[[], bool]] = {}

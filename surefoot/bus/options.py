@@ -20,23 +20,24 @@ DEFAULT_FLEET = "surefoot"
 RUNTIME = "ZENOH_RUNTIME"
 """Environment variable from which Zenoh takes its numbers of threads at the first session of a process."""
 LEASE_MS = 1000
-"""Time without a sign of life after which a link to a process counts as lost, ms."""
+"""Time, ms, after which a link to a process from which nothing was received counts as lost."""
 CONNECT_TIMEOUT_MS = 8000
 QUEUE_BATCHES = 16
-"""Largest number of batches (one frame, or 64 KiB of a map) that wait for the sending thread of a link: Zenoh's limit.
-With its default of two the third message within 1 ms is dropped while that thread waits for a processor."""
+"""Largest number of batches (one frame, or 64 KiB of a map) that wait for the sending thread of a link, the most
+that Zenoh allows. With its default of two the third message within 1 ms is dropped while that thread waits for a
+processor."""
 DROP_AFTER_US = 20_000
 """Longest wait of a message for room on a link, us; then it and those after it are dropped until there is room. Longer
 than a busy machine delays a sending thread, too short to disturb a robot."""
 MOST_PENDING, ACCEPT_MS = 512, 5000
 """`MOST_PENDING`: largest number of connections without a completed handshake; `ACCEPT_MS`: time after which such a
-connection is closed, ms; with Zenoh's defaults (10 s) a hundred silent ones keep everybody else out."""
+connection is closed, ms; with Zenoh's defaults (10 s) a hundred silent ones block all other connections."""
 HANDSHAKE_MS = 60_000
 """Time after which a connection without a completed TLS handshake is closed, ms. After each that fails Zenoh 1.10
-accepts nothing for 100 ms, so that with its default of 10 s a hundred silent connections keep everybody out."""
+accepts nothing for 100 ms, so that with its default of 10 s a hundred silent connections block all others."""
 ROUTER_READERS = 32
-"""Number of threads with which the process of a router reads; more than Zenoh's two, as one frozen client blocks
-one."""
+"""Number of threads that receive messages in the process of a router; more than Zenoh's two, as each frozen client
+blocks one."""
 SHARED_FROM = 512
 """Smallest size of a message that travels by shared memory, bytes, if SUREFOOT_SHARED_MEMORY is 1."""
 

@@ -23,20 +23,22 @@ _QOS = {  # congestion control, priority, express (no batching: a tick waits for
     Kind.STATUS: (_DROP, zenoh.Priority.DATA_LOW, False),
     Kind.ALARM: (_DROP, zenoh.Priority.REAL_TIME, True),
 }
-"""Everything may be dropped, frames too: whoever subscribes to a key and does not read fills the links on the way to
-itself, and a publisher (or a router, with all that it forwards for a publisher) that waited for room would be held.
-In lockstep the driver repeats what a participant lacks."""
+"""Congestion control, priority and express flag (True = sent at once, not in a batch) of a topic's messages, by its
+kind. All may be dropped, frames too: whoever subscribes to a key and does not read fills the links on the way to
+itself, and a publisher, or a router, that waited for room would be held. In lockstep the driver repeats what is
+lost."""
 _FRAMES = (_DROP, zenoh.Priority.REAL_TIME, True)
 _TO_PARTICIPANTS = {
     Kind.LOCKSTEP: _FRAMES,
     Kind.LATCHED: (_DROP, zenoh.Priority.DATA, False),
     Kind.STATUS: (_DROP, zenoh.Priority.INTERACTIVE_LOW, False),
 }
-"""Congestion control, priority and batching of kinds whose messages go to participants under keys of their own, so that
-a flood on the common key does not displace them; status has a priority, and so a queue, of its own."""
+"""Congestion control, priority and express flag of kinds whose messages go to participants under keys of their own, so
+that a flood on the common key does not displace them; status has a priority, and so a queue, of its own."""
 
 FRAME, BATCH = "@frame/{}", "@batch/{}"
-"""`FRAME`, `BATCH`: keys of the messages that a service (``{}``) publishes in one tick, and in several ticks."""
+"""`FRAME`: key of the message with all that a service (``{}``) publishes in one tick; `BATCH`: key of the message with
+what a service publishes in several ticks."""
 
 
 def participants_key(row: Topic[Any] | Query[Any, Any], instance: str) -> str:

@@ -12,7 +12,7 @@ from queue import Full, Queue
 from time import sleep
 
 LARGE = 16 << 10
-"""Size of a reply, bytes, from which the thread sends it; a smaller one is sent at once."""
+"""Size of a reply, bytes, from which a thread of its own sends it; a smaller one is sent at once."""
 WAITING = 8
 """Largest number of replies in the queue; a request beyond it is refused as ``busy``."""
 BYTES_PER_S = 32e6

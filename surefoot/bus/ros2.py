@@ -23,11 +23,12 @@ from surefoot.errors import BusError, SurefootError
 from surefoot.schemas.topics import TICK_NS
 
 INSTALL = "pip install 'surefoot[ros2]'"
-"""Command that adds the types of ROS 2."""
+"""Command that installs the ROS 2 message types, for error messages."""
 QOS = "::,10:,:,:,,"
 """Quality of service in every liveliness token: reliable, volatile, history of the newest 10 messages."""
 LEAK_NS = TICK_NS // 10_000
-"""Growth per tick of the estimated offset of two clocks, ns: 100 ppm, the largest drift between clocks."""
+"""Growth per tick of the estimated offset between wall time and the robot's time, ns: 100 ppm, the largest drift of
+clocks."""
 GRID_MAP = {
     "grid_map_msgs/msg/GridMapInfo": (
         "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose\n"

@@ -21,9 +21,9 @@ KINDS = {
     "cmd_vel": "geometry_msgs/msg/Twist", "BaseState": "dls2_interface/msg/BaseState",
     "BaseStateMsg": "dls2_msgs/msg/BaseStateMsg",
 }  # fmt: skip
-"""ROS message types by the content that they carry, such as `imu`."""
+"""Type name of the ROS 2 message for each kind of content, such as `imu`."""
 UNKNOWN = -1.0
-"""First element of a covariance that is not known (sensor_msgs)."""
+"""First element of a covariance matrix in sensor_msgs by which the quantity it belongs to is marked as not measured."""
 
 
 def _make(kind: str, **fields: Any) -> Any:

@@ -25,20 +25,22 @@ from surefoot.bus.codec import MAX_JSON_BYTES
 from surefoot.errors import ConfigError
 
 DRIVER = "driver"
-"""Service of liveliness tokens that the process which drives the ticks shows beside that of its own service."""
+"""Service name in the second liveliness token of the process that drives the ticks, beside the token of its own
+service."""
 VARIABLE = "SUREFOOT_SECRET"
 """Environment variable by which the supervisor passes its secret to the processes that it starts."""
 DRAWN, BORN, SEAL = 4, 12, 16
-"""Lengths of parts of a sealed name: `DRAWN` ``f`` and random digits, `BORN` digits of the time, `SEAL` of the hash."""
+"""Lengths of the parts of a sealed process name, characters: `DRAWN` of ``f`` and random digits, `BORN` of the time,
+`SEAL` of the hash."""
 MOST_DIGITS = 20
-"""Most digits of the time in a seal."""
+"""Largest number of decimal digits of the time in a seal, and of the digits in a query; a longer number is ignored."""
 MOST_NAMED, MOST_SHOWN, OTHERS = 16, 80, "other keys"
-"""`MOST_NAMED`: keys of refused messages that are named in a report, of at most `MOST_SHOWN` characters; the rest count
-as `OTHERS`."""
+"""`MOST_NAMED`: largest number of keys of refused messages that a report names; `MOST_SHOWN`: characters to which each
+is cut; `OTHERS`: name under which further keys are counted."""
 BLOCK = 64
 """Length of a block of SHA-256, bytes."""
 ASKED = "seal"
-"""Name of the parameter of a query that holds the decimal digits for which its sender expects the answer sealed."""
+"""Name of the query parameter that holds the decimal digits for which the sender expects the answer to be sealed."""
 MOST_KNOWN = 1024
 """Largest number of process names whose check is cached."""
 

@@ -34,9 +34,9 @@ from surefoot.schemas.rows import M, Rep, Req
 from surefoot.schemas.topics import Kind, Query, Topic
 
 KEEP = 10_000
-"""Largest number of messages of a key that wait for an observer; beyond it the oldest are dropped."""
+"""Largest number of messages of a key that wait for an observer, e.g. a recorder; the oldest are dropped."""
 BOUNDED_KEEP = 64
-"""Largest number of messages of a topic, or of queries of a key, that wait for a service."""
+"""Largest number of messages of a topic, or of queries of a key, that wait for a service; the oldest are dropped."""
 PROBE = b"probe"
 CLOSE_S = 1.0  # s, how long a reader that works may delay the end
 PROBE_S = 0.2
@@ -325,7 +325,8 @@ def _raw(topic: Topic[Any], sample: zenoh.Sample, attachment: bytes | None) -> R
 
 
 def _guarded(guard: Guard, topic: Topic[Any], sample: zenoh.Sample) -> Delivery | None:
-    """Return a message to participants; None if it lacks the seal that messages of its service need."""
+    """Return the received message of a topic for participants; None if it lacks the seal that its service's messages
+    need."""
     sealed, key = sample.attachment, str(sample.key_expr)
     attachment, number, seal = without_seal(None if sealed is None else sealed.to_bytes())
     raw, last = _raw(topic, sample, attachment), key.rpartition("/")[2]
