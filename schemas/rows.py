@@ -115,14 +115,13 @@ class Topic(Generic[M]):
 
     @property
     def framed(self) -> bool:
-        """True if the topic's messages reach participants in the frame its owner publishes once a tick
+        """True if messages of the topic travel to participants in their owner's frame of a tick
         (``surefoot.bus.frame``)."""
         return self.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or self.key == TICK_KEY
 
     @property
     def signed(self) -> bool:
-        """True if the topic's messages name the process that published them, so that those of another process are
-        refused."""
+        """True if messages of the topic name the process that published them, so that those of others are refused."""
         return self.framed or self.kind is Kind.LATCHED
 
     def due(self, tick: int) -> bool:

@@ -21,8 +21,7 @@ def _none(value: object) -> bool:
 
 
 def _sound(value: object) -> bool:
-    """Return True if the sensors of a foot worked throughout (flag True), so that the field is left out of the
-    message."""
+    """Return True if a foot's sensors worked (flag True), so that the field is left out of the message."""
     return value is True
 
 

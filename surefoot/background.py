@@ -19,8 +19,7 @@ MOST_WAITING = 8
 
 
 def be_nice() -> None:
-    """Set the niceness of the calling thread to `NICE`, so that threads with ticks have priority (Linux: one per
-    thread)."""
+    """Set the niceness of the calling thread (Linux: each has its own) to `NICE`, so that ticks have priority."""
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
 
 

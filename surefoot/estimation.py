@@ -237,16 +237,14 @@ def _outside(name: str, values: Any, low: float, high: float) -> str:
 
 
 def _check_contact(field: str, contact: Any) -> None:
-    """Raise FieldError (`range`) if contact flags or probabilities are outside 0 to 1 by more than `ROUNDING`; NaN
-    passes."""
+    """Raise FieldError (`range`) if contact flags or probabilities are more than `ROUNDING` outside 0 to 1."""
     if wrong := _outside("contact", contact, -ROUNDING, 1.0 + ROUNDING):
         text = f"got {wrong}, allowed are flags or probabilities, 0 to 1, NaN = unknown"
         raise FieldError("range", field, text)
 
 
 def _wrong_part(sample: ExternalSample, stamp_ns: int, result: InputResult) -> tuple[str, str]:
-    """Return a text on the part of a refused pose, heading or velocity that is wrong, and one on what is allowed
-    there."""
+    """Return a text on the wrong part of a refused pose, heading or velocity, and one on what is allowed there."""
     given = {name: getattr(sample, name) for name, _ in SHAPES if getattr(sample, name) is not None}
     if not given:
         return "a sample without a value", "position, yaw or velocity, with its covariance or variance"

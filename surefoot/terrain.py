@@ -104,8 +104,7 @@ def generate(kind: str = "rough", seed: int = 0, amplitude: float | None = None)
 
 
 def save(heightmap: HeightMap, path: str | PathLike[str], **extra: str | int | float) -> Path:
-    """Write `<path>.npz` (z, cell, origin, version, frame, extras) and `<path>.json` (header and digest); return the
-    path of the first.
+    """Write `<path>.npz` (map and extras) and `<path>.json` (header and digest); return the path of the first.
 
     Args:
         heightmap: to be written.

@@ -114,8 +114,7 @@ class Asking:
         return any(name in sealed for service, name in shown if service == query.owner)
 
     def _may_own(self, query: Query[Any, Any], process: str) -> bool:
-        """Return whether a process shows the token of a query's owner; the only one that does is recorded as the
-        owner."""
+        """Return whether a process shows the token of a query's owner; the only one that does is kept as the owner."""
         tokens = visible_to(self._session, f"{LIVE}/{query.owner}/*", TOKENS_S)
         if not tokens and query.key.startswith(HEALTH_GET.key[:-1]):  # all that a service answers while it starts
             return process in visible_to(self._session, f"{STARTS}/{query.owner}/*", TOKENS_S)

@@ -33,8 +33,7 @@ def encoding_of(model: type[Wire]) -> str:
 
 @cache
 def _plain(model: type[Wire]) -> bool:
-    """Return whether a model carries no raw bytes; the result is cached, as the test costs more than a small
-    message."""
+    """Return whether a model carries no raw bytes; the result is cached, as the test is slow for a small message."""
     return not issubclass(model, (Bulk, BulkRequest))
 
 

@@ -325,8 +325,7 @@ def _raw(topic: Topic[Any], sample: zenoh.Sample, attachment: bytes | None) -> R
 
 
 def _guarded(guard: Guard, topic: Topic[Any], sample: zenoh.Sample) -> Delivery | None:
-    """Return the received message of a topic for participants; None if it lacks the seal that its service's messages
-    need."""
+    """Return a received message for participants; None if it lacks the seal that messages of its service need."""
     sealed, key = sample.attachment, str(sample.key_expr)
     attachment, number, seal = without_seal(None if sealed is None else sealed.to_bytes())
     raw, last = _raw(topic, sample, attachment), key.rpartition("/")[2]

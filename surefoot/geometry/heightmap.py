@@ -23,7 +23,7 @@ from surefoot.geometry import heightmap_cells as cells
 
 FRAME = "map"
 SMALLEST_CELL, WIDEST_CELL = 1e-6, 1e3
-"""Smallest and largest allowed edge of a map's cell, m."""
+"""`SMALLEST_CELL`, `WIDEST_CELL`: smallest and largest allowed edge of a map's cell, m; a map outside is refused."""
 MAX_CELLS = 16_000_000
 """Largest allowed number of cells of a map (4000 x 4000, 64 MB); a larger map is refused."""
 
@@ -62,7 +62,7 @@ class HeightMap:
     origin: tuple[float, float] = (0.0, 0.0)
     """x and y of the centre of cell [0, 0], m, frame `map`."""
     version: int = 0
-    """Version of the content of the map, which the map's owner raises with every change."""
+    """Version number of the heights, which the map's owner raises with every change."""
 
     def __post_init__(self) -> None:
         z: NDArray[np.float32] = self._numbers("z", self.z)
@@ -240,8 +240,8 @@ class HeightMap:
 
     @cached_property
     def sha256(self) -> str:
-        """Return the sha256 of geometry and heights, not of the version, hexadecimal; equal content gives equal
-        digests."""
+        """Return the sha256 of geometry and heights, hexadecimal, which is equal for maps that differ in version
+        only."""
         head = f"{self.z.shape[0]} {self.z.shape[1]} {self.cell!r} {self.origin[0]!r} {self.origin[1]!r} "
         return hashlib.sha256(head.encode() + self.to_bytes()).hexdigest()
 

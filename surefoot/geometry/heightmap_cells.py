@@ -123,8 +123,7 @@ def ball(radius: float, cell: float) -> Ball:
 
 @row_kernel
 def _raise(source: Heights, lift: np.float32, target: Heights) -> None:
-    """Set target = max(target, source + lift) for a row of heights, (n,) m, in place; a NaN of source changes
-    nothing."""
+    """Set target = max(target, source + lift) for rows of heights, (n,) m, in place; NaN in source changes nothing."""
     for j in range(target.shape[0]):
         value = source[j] + lift
         target[j] = value if value > target[j] else target[j]

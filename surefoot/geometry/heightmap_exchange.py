@@ -16,14 +16,15 @@ GEOTIFF = (".tif", ".tiff")
 SUFFIXES = (".npz", ".asc", ".png", *GEOTIFF)
 """Suffixes of the files from which height maps can be read."""
 PIXEL_SCALE, TIE_POINT, GEO_KEYS, NO_DATA = 33550, 33922, 34735, 42113
-"""`PIXEL_SCALE`, `TIE_POINT`, `GEO_KEYS`: tags of GeoTIFF 1.1 (OGC 19-008); `NO_DATA`: GDAL's tag of the value that
-marks unknown heights."""
+"""`PIXEL_SCALE`: number of the GeoTIFF 1.1 tag (OGC 19-008) with the edges of a pixel; `TIE_POINT`: of the tag with a
+pixel and its coordinates; `GEO_KEYS`: of the tag with the keys; `NO_DATA`: of GDAL's tag of the value for unknown
+heights."""
 MODEL_TYPE, RASTER_TYPE = 1024, 1025
-"""Keys in the GeoTIFF tag `GEO_KEYS`: `MODEL_TYPE`, where 2 = degrees of latitude and longitude; `RASTER_TYPE`, where 2
-= a pixel is a point, not an area."""
+"""`MODEL_TYPE`: key in the GeoTIFF tag `GEO_KEYS` whose value 2 means degrees of latitude and longitude; `RASTER_TYPE`:
+key whose value 2 means that a pixel is a point, not an area."""
 UNITS, METRE = {3076: "ProjLinearUnits", 4099: "VerticalUnits"}, 9001
-"""`UNITS`: GeoTIFF keys of the units of coordinates and of heights; `METRE`: code of the only unit accepted for
-both."""
+"""`UNITS`: names of the GeoTIFF keys of the units of coordinates and heights, by number; `METRE`: code of the metre,
+the only unit accepted for both."""
 
 
 def load_any(path: str | Path) -> HeightMap:
@@ -107,7 +108,7 @@ def load_geotiff(path: str | Path) -> HeightMap:
 
 
 _BROKEN_TIFF = (OSError, SyntaxError, ValueError, TypeError, LookupError, OverflowError, EOFError, Warning)
-"""Exceptions that the TIFF reader may raise for a damaged file."""
+"""Exceptions that the reader of TIFF images may raise for a damaged file."""
 
 
 def _geometry(tags: dict[int, Any], name: str) -> tuple[float, tuple[float, float]]:

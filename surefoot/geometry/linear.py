@@ -13,7 +13,8 @@ import numpy as np
 from surefoot.arrays import Array
 
 SWEEPS = 12
-"""Largest number of sweeps of Jacobi's method for the eigenvalues of a 3x3 matrix; six usually suffice."""
+"""Largest number of sweeps of Jacobi's method over a symmetric 3x3 matrix in search of its eigenvalues; six usually
+suffice."""
 
 
 def product(a: Array, b: Array) -> Array:

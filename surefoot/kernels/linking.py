@@ -33,15 +33,15 @@ class Library(JITCodeLibrary):
     """Code of one function, which becomes machine code only when the address of its Python wrapper is requested."""
 
     vectors = True
-    """Loops may become vectors, if numba's own setting `LOOP_VECTORIZE` allows it; to look for such loops in vain takes
-    a third of the time of a large function."""
+    """True if loops may become vector code, if numba's setting `LOOP_VECTORIZE` allows it; False: they do not, as the
+    search for such loops takes a third of the time of a large function."""
 
     def add_linking_library(self, library: Any) -> None:
         """Add the library of a called function, which need not have machine code of its own."""
         self._linking_libraries.append(library)
 
     def _optimize_functions(self, ll_module: Any) -> None:
-        """Run the passes on each function of a module, with passes that are prepared once."""
+        """Run LLVM's function passes on each function of a module; the passes are prepared once and reused."""
         ll_module.data_layout = self._codegen._data_layout
         passes, builder = self._codegen._function_pass_manager()
         for function in ll_module.functions:
@@ -49,7 +49,7 @@ class Library(JITCodeLibrary):
                 passes.run(function, builder)
 
     def _optimize_final_module(self) -> None:
-        """Run the passes on the whole: quick ones that inline, so that counts of references are pruned, then all."""
+        """Run LLVM's passes on the module: quick ones that inline, so that reference counts are pruned, then all."""
         for options in (
             {"opt": 0, "cost": "cheap", "loop_vectorize": False, "slp_vectorize": False},
             {"loop_vectorize": self.vectors and bool(config.LOOP_VECTORIZE)},
@@ -118,13 +118,13 @@ class Library(JITCodeLibrary):
 
 
 class _LinkedImpl(KeptImpl):
-    """Storage of code to link, in files beside those of the machine code."""
+    """Storage in the cache of the code of kernels that other kernels link, in files beside those of machine code."""
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
         return super().get_filename_base(fullname, abiflags) + ".link"
 
     def reduce(self, cres: Any) -> tuple[Any, ...]:
-        """Return what is kept of a compilation, with the Python objects of all functions that it calls."""
+        """Return the parts of a compilation that the cache stores, with the Python objects of all called functions."""
         *kept, _own = super().reduce(cres)
         names = [variable.name for variable in cres.library._get_module_for_linking().global_variables]
         found = [lookup_environment(name) for name in names if name.startswith(ENVIRONMENT)]
@@ -173,7 +173,8 @@ class Kernel(CPUDispatcher):
     """A compiled function that Python calls; other kernels call `linked`, the form of it that is linked."""
 
     vectors = True
-    """Loops of the kernel may become vectors, if numba's own setting `LOOP_VECTORIZE` allows it."""
+    """True if loops of the kernel may become vector code, if numba's setting `LOOP_VECTORIZE` allows it; False: they do
+    not."""
 
     def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, **others: Any) -> None:
         super().__init__(py_func, locals, targetoptions, **others)

@@ -15,8 +15,7 @@ _IMPORT = re.compile(r"^(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n]*)|import\
 
 @cache
 def fingerprint(module: str) -> str:
-    """Return a hash of the source of a module and of all modules that it imports, directly or indirectly, from
-    `surefoot` or its own package; imports inside of functions do not count."""
+    """Return a hash of the source of a module and of all modules of `surefoot` or its own package that it imports."""
     packages = {"surefoot", module.partition(".")[0]}
     found, left = dict[str, str](), [module]
     while left:

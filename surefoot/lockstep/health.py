@@ -32,8 +32,7 @@ class Patient(Protocol):
 
 
 def kernels(state: str) -> Literal["warm", "compiling", "none"]:
-    """Return the state of a service's compiled kernels: loaded (warm), being compiled, or none; `state`: of the
-    service."""
+    """Return the state of the kernels of a service in `state`: loaded (warm), being compiled, or none."""
     if COMPILING.busy or state == "compiling":
         return "compiling"
     return "warm" if COMPILING.used and state != "starting" else "none"

@@ -72,8 +72,8 @@ class TickInputs:
         return self.tick.tick
 
     def get(self, topic: Topic[M]) -> M | None:
-        """Return the message of a topic in this tick, or None; a delayed input has the message of the tick before, a
-        latched one the latest."""
+        """Return a topic's message in this tick (delayed input: in the tick before; latched one: the latest), or
+        None."""
         return cast(M | None, self.messages.get(topic.key))
 
 

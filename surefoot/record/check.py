@@ -35,7 +35,8 @@ _MESSAGE = struct.Struct("<HIQQ")
 """Layout of the head of an MCAP message: channel number, sequence number, stamp and publication time, ns."""
 _COMPRESSIONS = (b"\4\0\0\0zstd", b"\3\0\0\0lz4")
 _BEFORE_COMPRESSION = _HEAD.size + 28
-"""Length of a chunk record in front of the name of its compression, bytes: record head, times, size, checksum."""
+"""Length of the part of a chunk record before the name of its compression, bytes: record head, times, size,
+checksum."""
 _OPCODES = frozenset(int(code) for code in Opcode)
 _READ = (Opcode.CHUNK, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.MESSAGE_INDEX, Opcode.METADATA, Opcode.ATTACHMENT)
 
@@ -152,8 +153,7 @@ class _FileCheck:
         return self._again(0, "the file does not begin as MCAP files do")
 
     def _record(self, place: int) -> int | None:
-        """Read the record at an offset of the file; return the offset of the next record, None at the end of the
-        data."""
+        """Read the record at an offset of the file; return the offset of the next one, None at the end of the data."""
         self.file.seek(place)
         head = self.file.read(_HEAD.size)
         if len(head) < _HEAD.size:
@@ -222,8 +222,7 @@ class _FileCheck:
             raise ValueError("it does not name the messages of its chunk")
 
     def _again(self, place: int, problem: str) -> int | None:
-        """Record a problem at an offset; return the offset of the next chunk, by the summary or a search for its first
-        bytes."""
+        """Record a problem at an offset; return the offset of the next chunk, by the summary or by a search."""
         self.found.problems.append(problem)
         self._lose(place)
         following = next((start for start in self.starts if start > place), None)
@@ -238,8 +237,7 @@ class _FileCheck:
             self.found.sound_to = place
 
     def _search(self, place: int) -> int | None:
-        """Return the offset at which the next chunk seems to begin, by a search from an offset on; None = there is
-        none."""
+        """Return the offset from `place` on at which a chunk seems to begin; None = there is none."""
         if place >= self.size:
             return None
         with mmap.mmap(self.file.fileno(), 0, access=mmap.ACCESS_READ) as content:

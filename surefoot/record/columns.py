@@ -27,9 +27,10 @@ SHAPES: dict[str, tuple[int | str, ...]] = {
     "external_position_covariance": ("e", 3, 3), "external_velocity_covariance": ("e", 3, 3),
     "external_yaw_variance": ("e",),
 }  # fmt: skip
-"""Columns and their shapes: n inertial rows, m foot samples, F feet, S switches, J joints, e samples from elsewhere."""
+"""Shape of each column of a log, by name: n inertial rows, m foot samples, F feet, S switches, J joints, e external
+samples."""
 FEET_METADATA = ("feet", "foot_radius", "sole_size", "contact_on", "contact_off")
-"""Names of log metadata about the feet: names, size and contact thresholds."""
+"""Names of log metadata about the feet: names of the feet, radius, sole size and contact thresholds."""
 METADATA = (*FEET_METADATA, "external_position_sd", "external_velocity_sd", "external_yaw_sd", "external_delay")
 """Names of log metadata: further arrays in NPZ files, lines such as `# sole_size = 0.2, 0.1` at the top of CSV
 files."""
@@ -138,7 +139,8 @@ READ: dict[str, tuple[str, Callable[[Message], dict[str, tuple[float, ...]]]]] =
     "state/velocity": ("published_", _velocity),
     "state/odometry": ("odometry_", _odometry),
 }
-"""Prefix of the columns of its stamps, and the function from a message to its numbers, by key of a topic."""
+"""Prefix of a topic's columns of stamps and ticks, and the function that returns a message's numbers by name of the
+column, by key of the topic."""
 
 
 def recorded_columns(

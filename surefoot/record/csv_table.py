@@ -36,11 +36,11 @@ NUMBER_WITH_COMMA = re.compile(r"^[+-]?\d+,\d+([eE][+-]?\d+)?$")
 WHOLE = re.compile(r"\s*-?([0-8]?\d{1,18})\s*")
 """Pattern of an integer stamp, ns, that fits into 64 bits."""
 SEPARATORS = (",", ";", "\t")
-"""Separators of CSV cells that are recognised; the most frequent one in the header row is used."""
+"""Characters that are recognised as separators of CSV cells; the most frequent one in the header row is used."""
 
 
 SHOWN = 12
-"""Largest number of columns that an error message names."""
+"""Largest number of column names of a CSV file that an error message lists."""
 
 
 def read_csv(path: Path) -> Columns:

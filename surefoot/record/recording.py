@@ -21,11 +21,12 @@ from surefoot.schemas.topics import TOPICS, Topic
 from surefoot.version import VERSION
 
 BULK = "surefoot-bulk"
-"""Message encoding of messages with a large array: uint32 length of the JSON header, header, raw array."""
+"""Name of the encoding of messages with a large array: uint32 length of the JSON header, header, raw array."""
 ENCODINGS = ("json", BULK)
-"""Message encodings that recordings of surefoot use."""
+"""Names of the message encodings of MCAP channels that recordings of surefoot use."""
 SUMMARY, HASHES = "surefoot", "hashes"
-"""Names of the metadata at the end of a file: the run hash, and the digest of each key."""
+"""`SUMMARY`: name of the metadata table at the end of a recording with the run hash; `HASHES`: name of the table with a
+digest for each key."""
 KINDS = {".toml": "application/toml", ".json": "application/json", ".yaml": "application/yaml"}
 """Media types of attached files by suffix; a file of any other suffix is stored as bytes."""
 LATEST_NS, MOST_SEQ = (1 << 64) - 1, (1 << 32) - 1
@@ -167,7 +168,7 @@ def read_recording(
 
 
 def _share_of(reader: Any) -> Callable[[int], float] | None:
-    """Return the share of the recorded time at a stamp, ns, as a function; None: the file states no times."""
+    """Return a function from a stamp, ns, to the share of the recorded time before it; None: no times are stated."""
     summary = reader.get_summary()
     if summary is None or summary.statistics is None:
         return None
@@ -283,7 +284,8 @@ class ReadableRecording:
 
     @property
     def gapless(self) -> tuple[SoundChunk, ...]:
-        """Readable chunks before the first place in the file at which messages are lost."""
+        """Readable chunks before the first place in the file at which messages are lost; all of them if none are
+        lost."""
         end = self.found.sound_to
         return tuple(piece for piece in self.found.pieces if end is None or piece.place < end)
 

@@ -17,11 +17,12 @@ ALIASES = {
     "time": "t", "w": "gyro", "a": "acc", "pf": "foot_position", "Rf": "foot_rotation", "fz": "force",
     "p": "true_position", "R": "true_rotation", "v": "true_velocity",
 }  # fmt: skip
-"""Name of a column by its alternative name in NPZ files."""
+"""Name of a column in this project, by the alternative name that it may have in an NPZ file."""
 FASTEST_S, SLOWEST_S = 5e-5, 0.5
-"""`FASTEST_S`, `SLOWEST_S`: shortest and longest allowed usual step between inertial rows of a log, s; else refused."""
+"""`FASTEST_S`, `SLOWEST_S`: shortest and longest allowed median step between inertial rows of a log, s; a log outside
+is refused."""
 LATEST_S = 9e9
-"""Largest stamp of a log, s, that fits into 64 bits as ns."""
+"""Largest absolute stamp of a log, s, so that it fits into 64 bits as ns; a larger one is refused."""
 
 
 def read_table(path: Path, sort: bool = False) -> Columns:
@@ -170,7 +171,7 @@ def _finite(values: NDArray[np.float64], key: str, name: str) -> None:
 
 
 def _units(key: str) -> tuple[tuple[float, str], ...]:
-    """Return the factor to the unit of a stamp column from each unit of time, with the name of that unit."""
+    """Return factor and name of the units in which stamps of column `key` may wrongly be; factor: to its own unit."""
     if key.endswith("_ns"):
         return (1e3, "us"), (1e6, "ms"), (1e9, "s")
     return (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")
@@ -195,7 +196,7 @@ def _check_rate(seconds: NDArray[np.float64], key: str, name: str) -> None:
 
 
 def _check_range(feet: NDArray[np.float64], imu: NDArray[np.float64], key: str, name: str) -> None:
-    """Check that most times of foot samples (m,) s lie among those of the inertial rows (n,) s."""
+    """Raise SurefootError if stamps of feet (m,) s seem to be in another unit or on another clock than `imu` (n,) s."""
     low, high, length = float(imu.min()) - SLOWEST_S, float(imu.max()) + SLOWEST_S, float(np.ptp(imu))
     if not len(feet):
         return

@@ -11,7 +11,8 @@ from surefoot.kernels.jit import kernel
 from .description import KinematicModel
 
 ROUNDS = 100
-"""Largest number of iterations of the inverse kinematics; from neutral a point in reach takes five to ten."""
+"""Largest number of iterations of the inverse kinematics, after which the point counts as out of reach; usually five to
+ten suffice."""
 NEAR = 1e-10  # m, distance from the wanted point at which it counts as reached
 EASIEST, HARDEST = 1e-6, 1e6  # bounds of the damping, m2
 

@@ -163,7 +163,7 @@ class ImuMount:
 
 @dataclass(frozen=True, eq=False)
 class ContactSensor:
-    """Foot sensor: switches with hysteresis, or a force range."""
+    """Foot sensor: switches with hysteresis, or a force sensor with a range; forces in N."""
 
     kind: str  # "switch" | "force"
     switches: int  # per foot

@@ -47,7 +47,7 @@ SmallAngle = Annotated[Number, Field(ge=0, le=5)]
 
 
 class Sourced(FileModel):
-    """A table that names the source of its numbers."""
+    """Base of tables of a robot description that name the source of their numbers."""
 
     source: Text = Field(description="key of [sources]")
 
@@ -158,7 +158,7 @@ class ImuTable(Sourced):
 
 
 class ContactTable(Sourced):
-    """The foot sensors: switches with hysteresis, or a force range."""
+    """Foot sensors of the robot: switches with hysteresis, or force sensors with a range."""
 
     kind: Literal["switch", "force"]
     switches: Annotated[Whole, Field(ge=1, le=4)] = Field(description="per foot")
@@ -190,21 +190,21 @@ class EncoderTable(Sourced):
 
 
 class CurrentTable(Sourced):
-    """The current sensors of the servos."""
+    """Torque per ampere and noise of the servos' current sensors."""
 
     torque_per_ampere: Positive = Field(description="Nm/A")
     noise_ampere: NotNegative = Field(description="A, standard deviation")
 
 
 class GaitTable(Sourced):
-    """Gait parameters of the robot: numbers under free names."""
+    """Gait parameters of the robot: numbers under names that each gait chooses."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Number] = Field(init=False)  # pyright: ignore[reportIncompatibleVariableOverride]
 
 
 class RobotFile(FileModel):
-    """A robot description, `robots/<name>/robot.toml`."""
+    """Content of a robot description, the file `robots/<name>/robot.toml`."""
 
     format: Literal["surefoot.robot.description/1"] = Field(alias="schema")
     name: Name
@@ -225,7 +225,7 @@ class RobotFile(FileModel):
 
 
 def _go_with(model: type[FileModel], table: Any, goes: bool, needed: tuple[str, ...], only: tuple[str, ...]) -> Any:
-    """Refuse a table that lacks `needed` keys although they go with the others, or has `only` keys that do not."""
+    """Refuse a table that lacks a key of `needed` if `goes` is True, or has a key of `only` if `goes` is False."""
     for key in needed if goes else ():
         if key not in table:
             raise refused("missing", "is missing", key)

@@ -267,8 +267,7 @@ def leg_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]
 
 @kernel
 def _yawed_ik(model: KinematicModel, leg: int, p_base: Array) -> tuple[Array, bool]:
-    """Return joint angles of a yaw-pitch-pitch leg, knee up, (3,) rad, and whether it is long enough; joint limits
-    ignored.
+    """Return joint angles of a yaw-pitch-pitch leg, knee up, (3,) rad, without limits, and whether it is long enough.
 
     p = Rz(-psi) (p_base - hip), q1 = atan2(y, x), r = hypot(x, y) - c,
     D = (r^2 + z^2 - f^2 - t^2) / (2 f t), q3 = -acos D, q2 = atan2(z, r) - atan2(t sin q3, f + t cos q3).

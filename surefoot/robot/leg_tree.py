@@ -13,7 +13,7 @@ from surefoot.robot.description import KinematicModel
 from surefoot.robot.kinematics import foot_jacobians_of, foot_positions_of, forward
 
 LegArrays = tuple[Ints, Ints, Array, Array, Array, Ints, Array, Ints, int]
-"""Type of a tuple with the arrays of a `LegTree`, in the order of its fields, and the number of joints."""
+"""Type of a tuple of the arrays of a `LegTree`, in the order of its fields, and the number of joints."""
 
 
 class LegTree(NamedTuple):

@@ -62,8 +62,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _yaw_pitch_pitch(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> tuple[Array, Array] | None:
-    """Return hip pose (4,) and segment lengths (3,) of a leg with coxa (z), femur (-y), tibia (-y) along x; else
-    None."""
+    """Return hip pose (4,) and segment lengths (3,) m of a leg with axes z, -y, -y and links along x; else None."""
     if len(leg.joints) != 3:
         return None
     coxa, femur, tibia = (links[joints[j].link] for j in leg.joints)

@@ -23,7 +23,7 @@ ROBOT_FILE = "robot.toml"
 """Name of the file in the folder of a robot."""
 BIPED_LEG_JOINTS = 6
 LEGS = {"hexapod": 6, "quadruped": 4, "biped": 2}
-"""Number of legs that a description needs, by kind of robot."""
+"""Number of legs that a robot description must have, by kind of robot."""
 _NOT_HASHED = frozenset({"source", "sources", "description", "schema"})
 
 
@@ -226,7 +226,7 @@ class _Tree:
         self.links.append(r.Link(name, parent, joint, position, quat, axis, t.mass, com, box, axes))
 
     def _shared(self, key: str, place: _Place, first: bool) -> int:
-        """Return the index of the joint whose motor also moves this link."""
+        """Return the index of the joint whose motor also moves the link `key` of a limb (raises RobotError)."""
         field, wanted, known = f"{place.path}.shared.{key}", place.shared.pop(key), [j.name for j in self.joints]
         if wanted not in known:
             raise _unknown(field, wanted, known)

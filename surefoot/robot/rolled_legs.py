@@ -11,8 +11,8 @@ from surefoot.kernels.jit import kernel
 from .description import RolledLegs
 
 REACH_SLACK = 1e-9
-"""Tolerance of the knee's cosine, no unit, and of the foot's distance from the first axis, m, beyond which a point is
-out of reach."""
+"""Tolerance of the cosine of the knee angle, no unit, and of the foot's distance from the first axis, m; a point that
+exceeds it counts as out of reach."""
 
 
 @kernel
