@@ -115,8 +115,8 @@ class Topic(Generic[M]):
 
     @property
     def framed(self) -> bool:
-        """True if messages of the topic travel to participants in their owner's frame of a tick
-        (``surefoot.bus.frame``)."""
+        """True if messages of the topic travel to participants inside the frame that their owner publishes once a
+        tick."""
         return self.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or self.key == TICK_KEY
 
     @property

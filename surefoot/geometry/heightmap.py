@@ -240,8 +240,7 @@ class HeightMap:
 
     @cached_property
     def sha256(self) -> str:
-        """Return the sha256 of geometry and heights, hexadecimal, which is equal for maps that differ in version
-        only."""
+        """Return the sha256 of geometry and heights, hexadecimal; it does not depend on the version of the map."""
         head = f"{self.z.shape[0]} {self.z.shape[1]} {self.cell!r} {self.origin[0]!r} {self.origin[1]!r} "
         return hashlib.sha256(head.encode() + self.to_bytes()).hexdigest()
 

@@ -72,8 +72,7 @@ class TickInputs:
         return self.tick.tick
 
     def get(self, topic: Topic[M]) -> M | None:
-        """Return a topic's message in this tick (delayed input: in the tick before; latched one: the latest), or
-        None."""
+        """Return a topic's message in this tick (delayed input: in the last tick; latched one: the newest), or None."""
         return cast(M | None, self.messages.get(topic.key))
 
 

@@ -284,8 +284,7 @@ class ReadableRecording:
 
     @property
     def gapless(self) -> tuple[SoundChunk, ...]:
-        """Readable chunks before the first place in the file at which messages are lost; all of them if none are
-        lost."""
+        """Readable chunks before the first place in the file at which messages are lost; all if none are lost."""
         end = self.found.sound_to
         return tuple(piece for piece in self.found.pieces if end is None or piece.place < end)
 
