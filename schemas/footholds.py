@@ -12,7 +12,7 @@ from .base import MAX_FEET, Bulk, Message, QuatWxyz, Reply, Request, TickRequest
 
 MAX_WINDOW = 301
 MAX_STEPS = 64
-"""Largest number of steps in one batch; a longer batch is refused."""
+"""Largest number of steps in one batch of footholds; a longer batch is refused."""
 LayerName = Literal["z", "centre", "k1", "k2", "cos_k3", "k4", "p", "q", "mask", "spread", "support", "clear"]
 FootholdStatus = Literal["ok", "raise_trunk", "infeasible"]
 

@@ -82,7 +82,7 @@ class ExternalMotion(Message):
 
 
 class MakerMotion(Message):
-    """Estimate of motion by the maker's own software, recorded to be compared; no service reads it."""
+    """Motion estimate by the software of the robot's maker, recorded for comparison; no service reads it."""
 
     position: Vec3 | None = Field(default=None, description="m, in the maker's frame; null = unknown")
     quat_wxyz: QuatWxyz | None = Field(default=None, description="in the maker's frame; null = unknown")
@@ -92,7 +92,7 @@ class MakerMotion(Message):
 
 
 class Sighting(Wire):
-    """Place of something on the floor, seen from base_link."""
+    """Place of an object on the floor, as distance and bearing from base_link."""
 
     range: float = Field(ge=0, description="m, along the floor")
     bearing: float = Field(description="rad, against the heading of base_link, left positive")

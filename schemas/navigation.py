@@ -41,14 +41,14 @@ class PoseBelief(Message):
 
 
 class MotionOrder(Message):
-    """Order of the navigator to the walker; a new number is a new command."""
+    """Order of the navigator to the walker; an order is new if its number differs from the last one."""
 
     number: int = Field(ge=0, description="number of the order in this epoch, 0 = none yet")
     command: WalkCommand | None = Field(default=None, description="null as long as number is 0")
 
 
 class Decision(Wire):
-    """One choice of the policy."""
+    """Choice of an action by the navigator's policy, with the reason and the robot's state at that time."""
 
     number: int = Field(ge=0, description="counts the decisions of this epoch")
     action: str = Field(description="name of the chosen action")
@@ -62,7 +62,7 @@ class Decision(Wire):
 
 
 class GoalResult(Wire):
-    """End of a goal; each goal that began has one."""
+    """Result of a goal that has ended; each goal that began gets one."""
 
     number: int = Field(ge=1, description="counts the goals that ended in this epoch")
     goal_id: str = Field(description="name of the goal")

@@ -20,7 +20,7 @@ TICK_S = TICK_NS / 1e9
 TICK_HZ = 1e9 / TICK_NS
 """Rate of control ticks, Hz."""
 MOST_TICKS = 10**9
-"""Number of control ticks that no run reaches: 115 days."""
+"""Number of control ticks that no run reaches (115 days); a request that names a larger one is refused."""
 
 
 class ModelPlace(NamedTuple):
@@ -115,8 +115,7 @@ class Topic(Generic[M]):
 
     @property
     def framed(self) -> bool:
-        """True if messages of the topic travel to participants inside the frame that their owner publishes once a
-        tick."""
+        """True if messages of the topic travel to participants in the frame that their owner publishes once a tick."""
         return self.kind in (Kind.SAMPLE, Kind.STATE, Kind.COMMAND) or self.key == TICK_KEY
 
     @property

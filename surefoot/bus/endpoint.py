@@ -9,7 +9,7 @@ from surefoot.errors import ConfigError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 SETTINGS = ".json"
-"""Suffix of the file of Zenoh settings of an identity, which lies in the folder of its robot's certificates."""
+"""Suffix of the file with the Zenoh settings of an identity, in the folder of its robot's certificates."""
 OPERATOR = "operator"
 """Identity whose certificate tools show at a secure endpoint, unless SUREFOOT_IDENTITY names another."""
 _FORM = re.compile(r"(?:tcp|tls|ws)/(\[[0-9A-Fa-f:.]+\]|[^\s/:\[\]]+):(\d{1,5})([?#].*)?")

@@ -23,9 +23,9 @@ MAX_FRAME_BYTES = 8 * MAX_JSON_BYTES
 MAX_INDEX_BYTES = 1 << 18
 """Largest index of a frame, bytes; a frame with a larger one is refused."""
 PRIME_BYTES = 1 << 14
-"""Largest frame that tests links before tick 0 (prime), bytes."""
+"""Largest frame of a process that its service is not bound to, which may only test links (prime), bytes."""
 MAX_INSTANCE = 64
-"""Largest length of a process name in a frame, characters."""
+"""Largest length of a process name in a frame, characters; a longer name is cut."""
 
 _new: Callable[..., Any] = cast(Any, tuple).__new__  # of any tuple, without the checks of its class
 
@@ -84,7 +84,7 @@ class Frame:
         self.instance = instance[:MAX_INSTANCE].decode("ascii", "replace")
         """Name of the process that published the frame, as written in the frame."""
         self.sealed_ns = int(number) if number.isdigit() and len(number) <= MOST_DIGITS else 0
-        """Time of the machine at which the frame was sealed, ns; 0 = it has no seal."""
+        """Monotonic time at which the frame was sealed, ns since the machine was started; 0 = it has no seal."""
         self.size = len(payload) + len(index)
 
     @property

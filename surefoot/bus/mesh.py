@@ -22,7 +22,7 @@ INTRODUCE_S = 1.0
 ROUTER_S = 1.0
 """Limit on the wait for an answer of the router, s; after it the router is asked again at the next check."""
 LOOKS = 5
-"""Number of answers of the router in a row without a process after which the process counts as ended."""
+"""Number of answers of the router in a row in which a process is absent, after which the process counts as ended."""
 
 
 class Mesh:

@@ -42,7 +42,7 @@ BLOCK = 64
 ASKED = "seal"
 """Name of the query parameter that holds the decimal digits for which the sender expects the answer to be sealed."""
 MOST_KNOWN = 1024
-"""Largest number of process names whose check is cached."""
+"""Largest number of process names for which the result of the check of their seal is cached."""
 
 
 def new_secret() -> str:
@@ -107,7 +107,7 @@ def _begun(key: bytes) -> Any:
 
 
 class Sealed(NamedTuple):
-    """Message to participants as it came: key, payload, attachment, time of the seal (ns of the machine) and seal."""
+    """Message to participants as it came: key, payload, attachment, seal and its time (ns of monotonic time)."""
 
     key: str
     payload: bytes
@@ -174,7 +174,7 @@ class Guard:
         self._names, self._services = set[str](), set[str]()
         self._drivers: dict[str, None] = {}
         self._newest: dict[str, int] = {}
-        """Time of the newest sealed message of each key, ns of the machine."""
+        """Time of the newest sealed message of each key, ns of monotonic time."""
         self._forged: dict[str, int] = {}
 
     def on_token(self, service: str, instance: str) -> None:

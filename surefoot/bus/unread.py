@@ -39,7 +39,7 @@ class Connection(NamedTuple):
 
 
 class LinkTrouble(NamedTuple):
-    """Something wrong with the link to a peer.
+    """Fault of the link to a peer, with reason, text for the log and name of the peer.
 
     Attributes:
         reason: `unread` the peer reads nothing, `unlinked` it is alive but has no link to this process, `forged`

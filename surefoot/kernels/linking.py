@@ -143,7 +143,8 @@ class Linked(CPUDispatcher):
 
 
 class _Entries:
-    """Compiler that wraps a linked function for calls from Python; otherwise the one that numba gave the kernel."""
+    """Compiler that wraps a linked function for calls from Python, and leaves all else to the kernel's numba
+    compiler."""
 
     def __init__(self, kernel: Any, compiler: Any) -> None:
         self._kernel, self._compiler = kernel, compiler

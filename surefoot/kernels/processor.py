@@ -9,8 +9,8 @@ import llvmlite.binding as llvm
 LEVEL = "x86-64-v3"
 """Processor level for which kernels are compiled: level 3 of the x86-64 psABI, by LLVM's name."""
 NEEDS = frozenset(("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2", "xsave"))
-"""Processor features, by LLVM's names, that `LEVEL` needs; without all of them kernels are compiled for one
-processor."""
+"""Processor features, by LLVM's names, that `LEVEL` needs; if one is absent, kernels are compiled for this processor
+alone."""
 
 
 @cache

@@ -118,7 +118,7 @@ class Answers:
 
 
 def _check_ticks(request: Request) -> None:
-    """Refuse a request that names a tick which no run reaches, before it waits for that tick for ever."""
+    """Raise a Refusal if a request names a tick, or a number of ticks, that no run reaches: it would wait for ever."""
     for name in ("at_tick", "ticks", "max_ticks"):
         value = getattr(request, name, None)
         if isinstance(value, int) and value > MOST_TICKS:

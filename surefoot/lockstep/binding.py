@@ -11,9 +11,9 @@ from surefoot.lockstep.join import DRIVER
 from surefoot.schemas.topics import HW_TICK
 
 MOST_TRIED = 3
-"""Most processes asked in turn if several claim a service; one that does not answer costs about 0.2 s."""
+"""Largest number of processes that are asked in turn if several claim a service; each silent one costs about 0.2 s."""
 MOST_EARLY = 64
-"""Most processes whose early frames are counted each by itself; frames of further processes are not counted."""
+"""Largest number of processes whose early frames are counted; frames of further processes are not counted."""
 
 
 class _Seal(NamedTuple):
@@ -47,7 +47,7 @@ class Bindings:
         self._sealed = set[tuple[str, str]]()
         """Pairs of service and process name whose frames must be sealed; only processes of the system are added."""
         self._newest: dict[tuple[str, str], int] = {}
-        """Time of the seal of the newest frame by key and process, ns of the machine."""
+        """Time of the seal of the newest frame by key and process, ns of monotonic time."""
         self._early: Counter[tuple[str, str]] = Counter()
         self._turn: Counter[str] = Counter()
         """Index from which ``candidates`` begins at its next call, by service, if there are more than `MOST_TRIED`

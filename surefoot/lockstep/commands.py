@@ -7,7 +7,7 @@ from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.topics import TICK_NS
 
 STALE_TICKS = 10
-"""Age of a joint command, ticks of 10 ms, above which it is refused as stale."""
+"""Age of a joint command, control ticks of 10 ms, above which the driver refuses it as stale."""
 KEEP_TICKS = 80
 """Number of newest ticks whose joint commands are remembered, so that a repeated command is recognised."""
 

@@ -24,12 +24,13 @@ LOW_M = 0.005
 UP_TICKS = 50
 """Number of ticks over which the accelerometer is averaged for the direction of gravity, which heights of feet need."""
 BACK_NS, AHEAD_NS = 1_000_000_000, 10_000_000_000
-"""Steps of an inertial stamp, ns, beyond which the clock counts as having jumped: `BACK_NS` back, `AHEAD_NS` ahead; a
-smaller step back is a late sample. Joint and foot samples so far from the newest inertial one are refused."""
+"""`BACK_NS`: step back of an inertial stamp, ns, beyond which the clock counts as having jumped (a smaller one is a
+late sample); `AHEAD_NS`: step ahead, ns, with that effect. Joint and foot samples so far from the newest inertial one
+are refused."""
 SILENT_NS = 1_000_000_000
 """Time without a foot sample after which contacts are derived from the heights of the feet again, ns."""
 MOST_FEET = 20_000
-"""Largest number of foot samples that may wait for a joint sample."""
+"""Largest number of foot samples that may wait for a joint sample; beyond it the oldest are dropped."""
 
 Numbers = Sequence[float]
 

@@ -121,9 +121,9 @@ class Join:
         self._large: dict[tuple[int, int, str], int] = {}
         """Bytes of large inputs in `_slots` by epoch, tick and key; some may have been taken."""
         self._senders: dict[str, str] = {}
-        """Process that published the last accepted message of a key."""
+        """Name of the process that published the last accepted message of each topic, by key."""
         self._taken: dict[str, Any] = {}
-        """Inputs of the last tick that was returned, by key."""
+        """Inputs of the last tick that `take` returned, by key of the topic."""
         self._repeated = 0
         """Number of times the driver repeated the newest tick since this service finished its last one."""
         self._lacking: set[str] | None = None

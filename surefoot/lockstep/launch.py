@@ -20,8 +20,8 @@ from surefoot.version import VERSION
 
 EXIT_USAGE = 2
 ZENOH_RUNTIME = "(rx:(worker_threads:1),acc:(handover:rx),net:(handover:rx))"
-"""Zenoh's thread pools: one thread receives. Of two, each wakes the other to look for work whenever a frame comes; with
-one the demo runs a third faster. Not for a router: what it forwards to a slow reader would stop all it receives."""
+"""Setting of Zenoh's thread pools by which one thread receives. Two would wake each other at every frame; with one the
+demo runs a third faster. Not for a router, in which forwarding to a slow reader would stop all reception."""
 
 
 def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoReturn:

@@ -17,9 +17,10 @@ WINDOW_TICKS = 20
 """Largest lag of the slowest member behind the driver in lockstep, ticks; beyond it the driver waits."""
 
 PACED_COMMAND_LAG_TICKS, PACED_WINDOW_TICKS = 5, 60
-"""Largest lags in paced mode at no real-time factor, ticks: `PACED_COMMAND_LAG_TICKS` of the service that commands
-joints, `PACED_WINDOW_TICKS` of other members; beyond them the driver waits. A command is stale after 10 ticks, a
-service 8 ticks behind skips ticks, and one that takes batches waits 30 ticks for a missing input."""
+"""`PACED_COMMAND_LAG_TICKS`: largest lag of the service that commands joints, ticks, in paced mode without a real-time
+factor; `PACED_WINDOW_TICKS`: largest lag of other members there, ticks; beyond them the driver waits. A command is
+stale after 10 ticks, a service 8 ticks behind skips ticks, and one that takes batches waits 30 ticks for a missing
+input."""
 
 KEEP_TICKS = WINDOW_TICKS + 2
 """Number of newest ticks whose outputs members keep, to send them again when the driver repeats a tick; the slowest
@@ -30,7 +31,7 @@ REPORT_TICKS = 10
 the window, as each report costs the driver as much as a frame; batches go with the reports."""
 
 COMMANDER = CMD_JOINTS.owner
-"""Service whose joint command a tick waits for; the command also counts as its report that the tick is done."""
+"""Name of the service whose joint command a tick waits for; the command also counts as its report of the tick."""
 
 
 @dataclass

@@ -12,7 +12,7 @@ from surefoot.files import FileError, read_regular
 from surefoot.tables import TableError, table_error
 
 MOST_BYTES = 1 << 20
-"""Largest state file that is read, bytes."""
+"""Largest size of a state file, bytes; a larger one is not read, and the service starts without it."""
 MOST_ID = 2**53
 """Largest number of a command or order, because every JSON reader keeps integers up to 2**53 exactly."""
 

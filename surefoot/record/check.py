@@ -68,14 +68,14 @@ class Findings:
     messages: Counter[str] = field(default_factory=Counter[str])
     """Number of messages that can be read, by key."""
     lost: int = 0
-    """Number of messages that cannot be read; the least when ``uncounted``."""
+    """Number of messages that cannot be read; a lower bound if ``uncounted``."""
     uncounted: bool = False
     """True if the file has no readable summary, so the number of lost messages is a lower bound; False: it is exact."""
     problems: list[str] = field(default_factory=list[str])
     size: int = 0
-    """Size of the file, bytes."""
+    """Size of the recording's file, bytes."""
     unread: int = 0
-    """Number of bytes of the file that cannot be read."""
+    """Number of bytes of the recording's file that cannot be read."""
     sound_to: int | None = None
     """Offset in the file before which no message is lost, bytes; None = no message is lost."""
     pieces: list[SoundChunk] = field(default_factory=list[SoundChunk])

@@ -11,7 +11,7 @@ from surefoot.errors import SurefootError
 
 PATTERN = re.compile(r"(?P<topic>[^.\[\]]+)(?P<fields>(\.\w+)*)(\[(?P<first>\d{1,9}):(?P<end>\d{1,9})\])?")
 USUAL = ("data", "contacts", "foot_force", "effort")
-"""Fields with one number per foot that are tried in this order if a path names no field."""
+"""Names of message fields with one number per foot, which are tried in this order if a path names no field."""
 
 
 @dataclass(frozen=True)

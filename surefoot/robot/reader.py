@@ -20,7 +20,7 @@ from surefoot.robot.profiles import ROBOTS, ImuFile, imu_profile, read_profile
 from surefoot.tables import FileModel, read_toml, unknown_key, validated
 
 ROBOT_FILE = "robot.toml"
-"""Name of the file in the folder of a robot."""
+"""Name of the file with a robot's description, in the folder of the robot."""
 BIPED_LEG_JOINTS = 6
 LEGS = {"hexapod": 6, "quadruped": 4, "biped": 2}
 """Number of legs that a robot description must have, by kind of robot."""
