@@ -93,7 +93,7 @@ class Header(Wire):
 
 
 class Message(Header):
-    """Base of published messages."""
+    """Base of published messages, which carry the fields of `Header`; a reader ignores unknown fields."""
 
     def stamped(self, stamp_ns: int, tick: int, epoch: int, seq: int, source: str) -> Self:
         """Return this message under a filled-in header.

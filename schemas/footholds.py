@@ -230,7 +230,7 @@ class AssessReply(Bulk):
     model: str = Field(description="name of the slip model the answer rests on")
 
     def data_bytes(self) -> int:
-        """Return the length of the layers, bytes."""
+        """Return the length of the raw layers by the other fields of the reply, bytes."""
         return 4 * len(self.layers) * self.rows * self.cols
 
 

@@ -144,7 +144,7 @@ class WaypointsRequest(Request):
 
 
 class GoalReply(Reply):
-    """Acceptance of a goal; progress is in navigator/feedback."""
+    """Reply of the navigator to a goal: whether it is accepted; progress is in navigator/feedback."""
 
     accepted: bool = Field(description="false: nothing changes")
     goal_id: str = Field(default="", description="name of the goal")
@@ -192,7 +192,7 @@ class OccupancyGrid(Bulk):
     source: str = Field(default="", description="file, or terrain/map")
 
     def data_bytes(self) -> int:
-        """Return the length of the occupancy, bytes."""
+        """Return the length of the raw occupancy values by the other fields of the message, bytes."""
         return self.rows * self.cols
 
 

@@ -24,7 +24,7 @@ MOST_TICKS = 10**9
 
 
 class ModelPlace(NamedTuple):
-    """Place of a model: its file is imported when a row's model is first needed."""
+    """Place where a model of messages is defined; its file is imported when a row first needs the model."""
 
     file: str
     name: str
@@ -38,7 +38,7 @@ class ModelPlaces:
         self._file = file
 
     def __getattr__(self, name: str) -> ModelPlace:
-        """Return the place of the model with the name of an attribute."""
+        """Return the place of the model whose name is that of the attribute."""
         return ModelPlace(self._file, name)
 
 
@@ -108,7 +108,7 @@ class Topic(Generic[M]):
             object.__setattr__(self, "period_ticks", ticks)
 
     def of(self, service: str) -> "Topic[M]":
-        """Return the member of a ``/*`` family that belongs to ``service``."""
+        """Return the topic of one ``service`` from the row of a family of topics, whose key ends in ``/*``."""
         if not self.key.endswith("/*"):
             raise ValueError(f"topic {self.key!r} is not a family; families end in '/*'")
         return replace(self, key=f"{self.key[:-1]}{service}", owner=service)
@@ -159,7 +159,7 @@ class Query(Generic[Req, Rep]):
         return _imported(self.returns)
 
     def of(self, service: str) -> "Query[Req, Rep]":
-        """Return the member of a ``/*`` family that belongs to ``service``."""
+        """Return the query of one ``service`` from the row of a family of queries, whose key ends in ``/*``."""
         if not self.key.endswith("/*"):
             raise ValueError(f"query {self.key!r} is not a family; families end in '/*'")
         return replace(self, key=f"{self.key[:-1]}{service}", owner=service)

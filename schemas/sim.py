@@ -147,7 +147,7 @@ class ResetRequest(Request):
 
     @model_serializer(mode="wrap")
     def _given(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Return the fields to send: with ``keep`` only those that were given."""
+        """Return the fields of the request to send: with ``keep`` only the given ones, else all."""
         fields = handler(self)
         if not self.keep:
             return fields

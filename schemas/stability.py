@@ -36,7 +36,7 @@ Directions = Annotated[tuple[Vec2, ...], Field(min_length=1, max_length=MAX_DIRE
 
 
 class RegionFields(Request):
-    """Fields that every request for a region has in common."""
+    """Base of the requests for a region of the centre of mass: contacts, directions, accuracy and load case."""
 
     contacts: Annotated[tuple[Contact, ...], Field(max_length=MAX_CONTACTS)] = Field(description="0 to 64 contacts")
     directions: Annotated[int, Field(ge=1, le=MAX_DIRECTIONS)] | Directions | None = Field(

@@ -16,7 +16,7 @@ class Done(Message):
 
 
 class JoinRequest(Request):
-    """A service asks the driver to be put on the roster at a tick boundary."""
+    """Asks the driver to put a service on the roster at a tick boundary."""
 
     service: str = Field(max_length=64, description="name of the service")
     instance: str = Field(max_length=64, description="identity of the process")
@@ -103,7 +103,7 @@ class ConfigureRequest(Request):
 
 
 class LogRecord(Message):
-    """One line of a service's log."""
+    """Line of a service's log, as published on ``log/<service>``."""
 
     level: Literal["debug", "info", "warning", "error"] = Field(description="severity")
     text: str = Field(max_length=4096, description="the line")

@@ -18,7 +18,7 @@ class HeightMapMessage(Bulk):
     profile: str = Field(default="exact", description="exact, noise or shifted: how far the map is from the ground")
 
     def data_bytes(self) -> int:
-        """Return the length of the heights, bytes."""
+        """Return the length of the raw heights by the other fields of the message, bytes."""
         return 4 * self.rows * self.cols
 
 
@@ -55,5 +55,5 @@ class LandmarkMap(Bulk):
     source: str = Field(default="", description="how the map was made")
 
     def data_bytes(self) -> int:
-        """Return the length of the landmarks, bytes."""
+        """Return the length of the raw landmarks by the other fields of the message, bytes."""
         return 4 * self.count * (2 + self.descriptor_length)

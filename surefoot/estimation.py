@@ -217,7 +217,7 @@ def _numbers(values: Any) -> Array:
 
 
 def _form(values: Any) -> str:
-    """Return the shape of numbers as text, or what was given in their place."""
+    """Return the shape of an array of numbers as text; for other values a shortened text of the value."""
     found = _numbers(values)
     return str(found.shape) if found.size and values is not None else shown(values)
 

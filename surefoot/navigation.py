@@ -61,12 +61,12 @@ class PoseFilter:
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the pose, (3, 3) in m and rad."""
+        """Covariance of the pose x, y, heading, (3, 3), in m and rad, frame map."""
         return self._cov.copy()
 
     @property
     def entropy(self) -> float:
-        """Differential entropy of the pose, nats."""
+        """Differential entropy of the estimated pose (x, y in m, heading in rad), nats."""
         return float(ukf.entropy(self._cov))
 
     def predict(

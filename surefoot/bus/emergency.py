@@ -98,5 +98,5 @@ class Stopper:
                 return found
 
     def close(self) -> None:
-        """Close the connection to the network."""
+        """Close the connection to the robot's network."""
         self._session.close()

@@ -57,7 +57,7 @@ def apart(topic: Topic[Any]) -> bool:
 
 
 class ZenohPublisher(Generic[M]):
-    """Publisher of one key on the network, each message by itself."""
+    """Publisher of one key over Zenoh that sends each message by itself, not in frames."""
 
     watched = True
 

@@ -118,7 +118,7 @@ class Ros2Publisher:
         self._publisher = session.declare_publisher(key, encoding=zenoh.Encoding.APPLICATION_CDR)
 
     def put(self, message: Any) -> None:
-        """Publish a message of the type of this publisher."""
+        """Publish a ROS 2 message, which must be of the type of this publisher."""
         self._sequence += 1
         attachment = struct.pack("<qqB", self._sequence, time.time_ns(), len(self._identity)) + self._identity
         self._publisher.put(bytes(types().serialize_cdr(message, self._kind)), attachment=attachment)

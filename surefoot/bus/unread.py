@@ -66,7 +66,7 @@ class _Counters:
         self._read_at = -math.inf
 
     def read(self) -> dict[str, Connection]:
-        """Return counters that are at most ``FRESH_S`` old."""
+        """Return the byte counters of all connections, by address of the other end, at most ``FRESH_S`` old."""
         with self._lock:
             if time.monotonic() - self._read_at > FRESH_S:
                 self._found = dict(connections())

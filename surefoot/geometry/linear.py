@@ -42,7 +42,7 @@ def dot(a: Array, b: Array) -> float:
 
 
 def norm(a: Array) -> float:
-    """Return the length of a vector, (k,), in its unit."""
+    """Return the Euclidean length of a vector, (k,), in its unit."""
     return math.sqrt(dot(a, a))
 
 

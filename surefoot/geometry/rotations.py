@@ -169,5 +169,5 @@ def rpy_from_matrix(rot_world_from_base: Array) -> Array:
 
 @kernel
 def wrap_angle(angle: float) -> float:
-    """Return the equivalent of an angle in (-pi, pi], rad."""
+    """Return the angle in (-pi, pi], rad, that differs from `angle`, rad, by full turns."""
     return -((-angle + math.pi) % (2.0 * math.pi) - math.pi)

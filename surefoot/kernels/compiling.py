@@ -33,7 +33,7 @@ class Compiling:
 
     @property
     def done_here(self) -> int:
-        """Number of compilations that ended on the thread that asks."""
+        """Number of kernel compilations that ended on the calling thread."""
         return self._by_thread[get_ident()]
 
     def began(self, name: str) -> None:

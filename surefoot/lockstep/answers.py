@@ -53,7 +53,7 @@ class Answers:
         self._last.clear()
 
     def wait(self, incoming: Incoming, request: TickRequest) -> None:
-        """Keep a query about a future tick until that tick."""
+        """Keep a query about a tick that has not come yet, to be answered once it has."""
         self.waiting.append((self._clock(), incoming, request))
 
     def due(self, seen: Callable[[TickRequest], bool]) -> list[tuple[Incoming, TickRequest]]:
@@ -112,7 +112,7 @@ class Answers:
             incoming.fail(SurefootError("internal", f"{key} failed: {type(error).__name__}: {error}"))
 
     def arrived(self, late: LateAnswer) -> None:
-        """Send the reply of a query whose future is done."""
+        """Send the reply of a query that another thread has computed."""
         self.late -= 1
         self.settle(late.incoming, late.future.result)
 

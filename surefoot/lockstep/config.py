@@ -28,7 +28,7 @@ class ServiceConfig(Strict):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     live: ClassVar[tuple[str, ...]] = ()
-    """Names of the parameters that may be changed while the service runs."""
+    """Names of the parameters of the service that may be changed while it runs; others need a restart."""
 
     robot: str = Field(default="ragno", description="name of a robot description, or path of its folder")
 
@@ -152,6 +152,6 @@ def value_of(text: str) -> Any:
 
 
 def config_hash(config: BaseModel) -> str:
-    """Return the sha256 of the effective configuration, hexadecimal."""
+    """Return the sha256, hexadecimal, of a service's configuration as it is in effect."""
     content = json.dumps(config.model_dump(mode="json"))  # a path may hold bytes that are no UTF-8
     return hashlib.sha256(content.encode()).hexdigest()

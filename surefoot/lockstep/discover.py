@@ -30,7 +30,7 @@ def service_class(name: str) -> Any:
 
 @cache
 def own_service_names() -> tuple[str, ...]:
-    """Return the folders in `services` that have a module `service`."""
+    """Return the names of surefoot's own services: folders in `services` that have a module `service`."""
     found: list[str] = []
     places = list(importlib.import_module("surefoot.services").__path__)
     for module in pkgutil.iter_modules(places):

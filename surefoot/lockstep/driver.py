@@ -329,7 +329,7 @@ class DriverNode(Node):
         self._since, self._resends = self.clock(), 0
 
     def _reveal(self) -> None:
-        """Publish the samples of ``observers_only`` topics of the last ticks."""
+        """Publish the samples of ``observers_only`` topics of the ticks since the last call."""
         for tick, sample in self._unrevealed:
             self._outbox.setdefault((self.leader.epoch, tick), []).append(self._notify(sample, tick))
         self._unrevealed.clear()

@@ -184,7 +184,7 @@ class Leader:
         return all(self._far_enough(name, member) for name, member in self.members.items())
 
     def all_done(self) -> bool:
-        """Return whether every member has finished the last tick."""
+        """Return whether every service on the roster has finished the last published tick."""
         return all(member.done >= self.tick for member in self.members.values())
 
     def slowest(self) -> str:

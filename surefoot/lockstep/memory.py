@@ -56,7 +56,7 @@ class RunMemory:
             self._lose(error)
 
     def forget(self) -> None:
-        """Remove the file that an earlier run has left."""
+        """Remove the state file that an earlier run has left."""
         try:
             if self.path is not None:
                 self.path.unlink(missing_ok=True)

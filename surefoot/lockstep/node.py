@@ -42,7 +42,7 @@ _STOP, _TICK = object(), HW_TICK.key
 
 
 class Node:
-    """Runtime of one service on one bus."""
+    """Runtime of one service on a bus, which runs its ticks and answers its queries."""
 
     def __init__(self, service: Service[Any], bus: Bus, clock: Callable[[], float] = time.monotonic) -> None:
         self.service, self.bus, self.clock = service, bus, clock
@@ -396,5 +396,5 @@ class Node:
             publisher.put(LogRecord(source=self.name, level=level, text=sendable(text[:2000])))  # pyright: ignore[reportArgumentType]
 
     def health(self) -> Health:
-        """Return the health message of the service."""
+        """Return the present health message of this node's service."""
         return health_of(self, (*self.links.unproved, *self.join.missing()))

@@ -122,7 +122,7 @@ class SensedDriver(Driver[S], Generic[S]):
         self.node.pace.factor = 1.0
 
     def release(self, tick: int) -> list[DueSample]:
-        """Return the samples of a tick."""
+        """Return the sensor samples of a tick, and remove them from `self.intake`."""
         return self.intake.release(tick)
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:

@@ -232,7 +232,7 @@ class _FileCheck:
         return following
 
     def _lose(self, place: int) -> None:
-        """Record the first place in the file at which messages are lost."""
+        """Record an offset, bytes, at which messages of the file are lost, unless an earlier one is known."""
         if self.found.sound_to is None:
             self.found.sound_to = place
 

@@ -244,10 +244,10 @@ class Robot:
 
     @property
     def servo(self) -> Servo:
-        """Servo of the first joint (robots with one servo type)."""
+        """Servo of the robot's first joint, for robots whose joints have one type of servo."""
         return self.joints[0].servo
 
     @property
     def foot_radius(self) -> float:
-        """Radius of the foot spheres of the first leg."""
+        """Radius of the foot spheres of the robot's first leg, m."""
         return self.legs[0].foot.radius

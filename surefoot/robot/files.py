@@ -197,7 +197,7 @@ class CurrentTable(Sourced):
 
 
 class GaitTable(Sourced):
-    """Gait parameters of the robot: numbers under names that each gait chooses."""
+    """Gait parameters of the robot: numbers by name; any names are allowed."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Number] = Field(init=False)  # pyright: ignore[reportIncompatibleVariableOverride]

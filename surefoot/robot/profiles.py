@@ -41,7 +41,7 @@ class Profile(FileModel):
 
 
 class Gyro(FileModel):
-    """Noise of each axis of a gyroscope."""
+    """Noise of each axis of a gyroscope, as stated in the file of an inertial unit."""
 
     lsb_deg_s: NotNegative = Field(description="deg/s, resolution")
     range_deg_s: Positive = Field(description="deg/s, largest rate either way")
@@ -52,7 +52,7 @@ class Gyro(FileModel):
 
 
 class Accelerometer(FileModel):
-    """Noise of each axis of an accelerometer."""
+    """Noise of each axis of an accelerometer, as stated in the file of an inertial unit."""
 
     lsb_mg: NotNegative = Field(description="1e-3 g, resolution")
     range_g: Positive = Field(description="g, largest acceleration either way")

@@ -148,7 +148,7 @@ class _Place(NamedTuple):
 
 
 class _Tree:
-    """Links, joints and legs of a robot, in the order of its limbs."""
+    """Builder of the links, joints and legs of a robot, in the order of its limbs."""
 
     def __init__(self, file: RobotFile) -> None:
         trunk, still = file.trunk, np.zeros(3)
