@@ -147,8 +147,7 @@ def belonging(value: Any, info: ValidationInfo, choice: str, fields: Mapping[str
 
 
 class BulkRequest(Request):
-    """Base of requests that may carry raw bytes: then payload = ``data`` and the JSON is the attachment; else JSON
-    alone."""
+    """Base of requests that may carry raw bytes: then payload = ``data``, attachment = JSON; else JSON alone."""
 
     data: bytes = Field(default=b"", exclude=True, repr=False, description="raw little-endian array")
 

@@ -30,8 +30,7 @@ class CalibrationPose(Request):
 
 
 class CalibrateRequest(Request):
-    """Asks for the factors that correct published torques (Walas & Belter 4.7): by a job, or from given poses at
-    once."""
+    """Asks for the factors that correct published torques (Walas & Belter 4.7): by a job, or at once from poses."""
 
     action: Literal["fit", "start", "status", "finish", "cancel"] = Field(
         description="fit: from the poses given; start: collect poses from now on, whenever the robot rests in a new "

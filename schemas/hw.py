@@ -172,8 +172,7 @@ class JointCommand(Message):
 
 
 class EmergencyStop(Message):
-    """Emergency stop: the driver holds the present joint positions until the next reset; ``sim/status`` names the
-    reason."""
+    """Emergency stop: the driver holds the present joint positions until a reset; ``sim/status`` names the reason."""
 
     reason: str = Field(default="", description="who asks and why")
 

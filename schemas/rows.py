@@ -31,8 +31,7 @@ class ModelPlace(NamedTuple):
 
 
 class ModelPlaces:
-    """Access to the models of a file in `schemas/` as attributes, each a `ModelPlace`, so that only used files are
-    imported."""
+    """Access to the models of a file in `schemas/` as attributes of type `ModelPlace`, without its import."""
 
     def __init__(self, file: str) -> None:
         self._file = file

@@ -127,7 +127,7 @@ class World(Request):
 
 
 class ResetRequest(Request):
-    """Builds the world anew and raises the epoch; the run begins when every expected service is ready."""
+    """Rebuilds the simulated world and raises the epoch; the run begins when every expected service is ready."""
 
     schema_version: ClassVar[str] = "1.7"
     seed: int = Field(default=0, ge=0, lt=2**31, description="seed of everything random in the run")

@@ -89,8 +89,7 @@ LEVEL = BasePose.model_construct()
 
 
 class Actuation(Request):
-    """Posture (joint angles, pose of base_link) in which the servos hold the robot, and the torque limits of its
-    joints."""
+    """Posture (joint angles, base pose) in which the servos hold the robot, and the torque limits of its joints."""
 
     joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
     base: BasePose = Field(default=LEVEL, description="pose of base_link")
@@ -103,8 +102,7 @@ class Actuation(Request):
 
 
 class RegionRequest(RegionFields):
-    """Asks where the centre of mass may be: at rest, accelerated, on ground of uncertain tilt, or with limited
-    torques."""
+    """Asks where the centre of mass may be: at rest, accelerated, with uncertain gravity, or with limited torques."""
 
     schema_version: ClassVar[str] = "1.1"
     actuation: Actuation | None = Field(
@@ -167,8 +165,7 @@ class RegionReply(Reply):
 
 
 class Doubt(Request):
-    """Uncertainty of a stability check's inputs, which lowers its margin: standard deviations count `kappa` times,
-    bounds fully."""
+    """Uncertainty of a stability check's inputs: standard deviations count `kappa` times, bounds fully."""
 
     com_sd_m: float = Field(default=0.0, ge=0, le=1, description="m, of the centre of mass, each horizontal axis")
     foot_sd_m: float = Field(default=0.0, ge=0, le=1, description="m, of each contact point, each axis")
@@ -178,7 +175,7 @@ class Doubt(Request):
 
 
 class CheckRequest(RegionFields):
-    """Asks whether the robot is stable, and still is after a movement of its trunk over its feet (Walas & Belter 4.3,
+    """Asks whether the robot is stable, now and after a movement of its trunk over its feet (Walas & Belter 4.3,
     4.6)."""
 
     schema_version: ClassVar[str] = "1.4"

@@ -95,8 +95,8 @@ class Odometry(Message):
     def corrects(self, before: "Odometry") -> bool:
         """Return whether the step from the message `before` to this one is a correction of the past, and no motion.
 
-        Dead reckoning never makes a heading surer. Its variance falls where a rest shows the bias of the gyro, or where
-        the estimator begins anew: the pose jumps, and the robot did not move.
+        Dead reckoning never reduces the variance of the heading. It falls where a rest shows the bias of the gyro, or
+        where the estimator restarts: the pose jumps, and the robot did not move.
         """
         return self.covariance[-1] < SURER * before.covariance[-1]
 

@@ -8,8 +8,7 @@ from .base import Message, Reply, Request, Wire
 
 
 class Done(Message):
-    """Report of a service that it has finished a tick; ``tick`` -1: all its links are tested, and it is ready to
-    start."""
+    """Report of a service that it has finished a tick; ``tick`` -1: all its links are tested, ready to start."""
 
     instance: str = Field(description="identity of the process: a late done of a dead one must not count")
     ready: bool = Field(default=False, description="true in the answer to PRIME")
@@ -25,8 +24,7 @@ class JoinRequest(Request):
 
 
 class JoinReply(Reply):
-    """Reply to a service that asks to join: if accepted, the driver tests its links, and a later tick's roster names
-    it."""
+    """Reply to a service that asks to join: if accepted, the driver tests its links, then puts it on the roster."""
 
     accepted: bool = Field(description="false: the reason says why")
     reason: str = Field(default="", description="in words")
@@ -74,7 +72,7 @@ class HealthReply(Reply):
 
 
 class ServiceParameter(Wire):
-    """A parameter of a service's configuration."""
+    """Parameter of a service's configuration: name, value, default, and whether it may be changed while it runs."""
 
     name: str = Field(description="name, as in the configuration file")
     value: str = Field(description="present value, as JSON")

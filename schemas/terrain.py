@@ -45,8 +45,7 @@ class MapRequest(Request):
 
 
 class LandmarkMap(Bulk):
-    """Landmarks on the floor, float32 little-endian, C order, one row each: x, y in m, frame map, then the
-    descriptor."""
+    """Landmarks on the floor, float32 little-endian, one row each: x, y in m, frame map, then the descriptor."""
 
     count: int = Field(ge=0, le=100_000, description="landmarks")
     descriptor_length: int = Field(ge=0, le=256, description="numbers in a descriptor")

@@ -1,4 +1,4 @@
-"""Questions about many contact sets at once: what if a leg is lifted, or stands elsewhere; batches of any sets."""
+"""Requests about the stability of many contact sets at once: with a leg lifted or placed elsewhere, or of any sets."""
 
 from typing import Annotated, ClassVar
 

@@ -27,8 +27,7 @@ from surefoot.errors import CallError
 from surefoot.schemas.topics import HEALTH_GET, Query
 
 LIVE, STARTS = "alive", "starts"
-"""First words of the keys of liveliness tokens: `LIVE` of a process that is ready, `STARTS` of a process from its start
-on."""
+"""First words of liveliness-token keys: `LIVE` of a process that is ready, `STARTS` of a process from its start on."""
 TOKENS_S = 0.5
 """Limit on the wait for the liveliness tokens of a service, s; they usually come within a millisecond."""
 MEANWHILE_S = 0.5

@@ -86,7 +86,7 @@ class Stopper:
         return None
 
     def _next(self, until: float) -> dict[str, Any] | None:
-        """Return the next valid status of the driver, None if none comes before wall time ``until``."""
+        """Return the next valid status of the driver; None if none comes before ``until``, monotonic time, s."""
         while True:
             try:
                 found = json.loads(self._heard.get(timeout=max(0.0, until - time.monotonic())))

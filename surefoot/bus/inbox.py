@@ -69,7 +69,7 @@ class Lane:
         return True
 
     def get(self) -> Any:
-        """Take out and return the oldest item (raises IndexError: there is none)."""
+        """Remove and return the oldest item of the queue (raises IndexError: there is none)."""
         item = self.items.popleft()
         if type(item) is _Counted:
             item, size = item

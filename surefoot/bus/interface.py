@@ -181,11 +181,13 @@ class Publisher(Protocol, Generic[M_contra]):
 
 
 class Bus(Protocol):
-    """Topics and queries of one robot. The functions that receive messages (sinks) may be called from any thread, and
-    must only queue what they get."""
+    """Interface of a bus: topics and queries of one robot.
+
+    Functions that receive messages (sinks) may be called from any thread, and must only queue what they get.
+    """
 
     apart: bool
-    """True if other processes run while one waits in a call; False: all services share one process."""
+    """True if other processes run while a caller waits for a reply; False: all services share one process."""
 
     def publisher(self, topic: Topic[M], instance: str = "") -> Publisher[M]:
         """Return the only publisher of a key; ``instance`` names the process in its frames."""

@@ -69,7 +69,7 @@ def types() -> Any:
 
 
 def type_hash(kind: str) -> str:
-    """Return the RIHS01 hash of a type, e.g. of `nav_msgs/msg/Odometry` (raises SurefootError)."""
+    """Return the RIHS01 hash of a ROS 2 message type, e.g. of `nav_msgs/msg/Odometry` (raises SurefootError)."""
     store = types()
     if kind not in store.fielddefs:
         raise SurefootError("invalid", f"got type {kind!r}, wanted is package/msg/Name of ROS 2's own", "type")

@@ -133,12 +133,12 @@ def without_seal(attachment: bytes | None) -> tuple[bytes | None, bytes, bytes]:
 
 
 def new_digits() -> bytes:
-    """Return the digits that a query carries, drawn anew for each, so that the answer to another query is refused."""
+    """Return new random digits for a query, by which the answer to another query is recognised and refused."""
     return b"%d" % secrets.randbelow(10 ** (MOST_DIGITS - 1))
 
 
 def as_digits(given: str) -> bytes:
-    """Return the digits that a query carries, empty if it carries none or something else, as strangers may send."""
+    """Return the digits that a query carries; empty if it carries none, or something else, as strangers may send."""
     return given.encode() if given.isascii() and given.isdigit() and len(given) <= MOST_DIGITS else b""
 
 
@@ -147,7 +147,7 @@ class Asked(NamedTuple):
 
     key: str
     digits: bytes
-    """Digits that the sender drew; empty = it expects no seal."""
+    """Random decimal digits that the sender of the query chose; empty = it expects no seal."""
     payload: bytes
     attachment: bytes | None
 

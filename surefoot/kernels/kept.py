@@ -27,8 +27,7 @@ def choose_processor() -> None:
 
 
 class _BesideSource(caching.InTreeCacheLocator):
-    """Locator of a cache in the folder beside the source, read only: for installations whose folders cannot be
-    written."""
+    """Locator of a read-only cache beside the source, for installations whose folders cannot be written."""
 
     def ensure_cache_path(self) -> None:
         """Do nothing where numba makes the cache's folder: the files are read only."""

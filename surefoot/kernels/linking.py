@@ -143,8 +143,7 @@ class Linked(CPUDispatcher):
 
 
 class _Entries:
-    """Compiler that wraps a linked function for calls from Python, and leaves all else to the kernel's numba
-    compiler."""
+    """Compiler that wraps a linked function for calls from Python; all else is left to numba's own compiler."""
 
     def __init__(self, kernel: Any, compiler: Any) -> None:
         self._kernel, self._compiler = kernel, compiler

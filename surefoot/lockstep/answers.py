@@ -57,7 +57,7 @@ class Answers:
         self.waiting.append((self._clock(), incoming, request))
 
     def due(self, seen: Callable[[TickRequest], bool]) -> list[tuple[Incoming, TickRequest]]:
-        """Take out and return the waiting queries for which `seen` returns that their tick has come."""
+        """Remove and return the waiting queries for which `seen` returns True: their tick has come."""
         ready = [item for item in self.waiting if seen(item[2])]
         self.waiting = [item for item in self.waiting if item not in ready]
         return [(incoming, request) for _, incoming, request in ready]

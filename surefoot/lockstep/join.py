@@ -43,8 +43,8 @@ BACKLOG_TICKS = 8
 skip every second tick would lack each other's messages for ever."""
 
 BATCH_PATIENCE_TICKS, BATCH_BACKLOG_TICKS = 30, 1000
-"""`BATCH_PATIENCE_TICKS`, ticks: as `PATIENCE_TICKS`, of a service that gets ten ticks at once; `BATCH_BACKLOG_TICKS`,
-ticks: as `BACKLOG_TICKS` of such a service."""
+"""`BATCH_PATIENCE_TICKS`: number of later ticks after which a batched service does a tick with missing inputs, in paced
+mode; `BATCH_BACKLOG_TICKS`: lag there, ticks, from which it skips ticks."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ files."""
 
 
 class _KeyRows:
-    """Numbers of the messages of one key, row after row; every row must be as long as the first."""
+    """Numbers of the messages of one key, one row for each message; every row must be as long as the first."""
 
     def __init__(self) -> None:
         self.stamps, self.ticks = array("q"), array("q")

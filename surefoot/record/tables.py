@@ -140,7 +140,7 @@ def _check_quaternions(columns: Columns, name: str) -> None:
 
 
 def _stamps(columns: Columns, prefix: str, name: str, sort: bool, imu: Ints | None = None) -> Ints:
-    """Return checked stamps, ns; those of feet are compared with those of the inertial rows, `imu` (n,) ns."""
+    """Return the checked stamps of a log's rows, ns; those of feet are compared with those of `imu`, (n,) ns."""
     key = f"{prefix}stamp_ns" if f"{prefix}stamp_ns" in columns else f"{prefix}t"
     values = columns[key]
     if not np.issubdtype(values.dtype, np.integer):
