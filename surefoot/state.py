@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, cast
 
 ENDPOINT, SECRET = "endpoint.json", "secret.json"
-"""`ENDPOINT`: name of the file in a run folder that holds the address of its system; `SECRET`: name of the file there
-that holds the secret of the system."""
+"""`ENDPOINT`: name of the file in a run folder that holds the address of the system; `SECRET`: name of the file in a
+run folder that holds the secret of the system."""
 
 
 def state_home() -> Path:

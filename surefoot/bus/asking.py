@@ -27,7 +27,8 @@ from surefoot.errors import CallError
 from surefoot.schemas.topics import HEALTH_GET, Query
 
 LIVE, STARTS = "alive", "starts"
-"""First words of liveliness-token keys: `LIVE` of a process that is ready, `STARTS` of a process from its start on."""
+"""`LIVE`: first word of the liveliness-token key of a process that is ready; `STARTS`: first word of the key that a
+process shows from its start on."""
 TOKENS_S = 0.5
 """Limit on the wait for the liveliness tokens of a service, s; they usually come within a millisecond."""
 MEANWHILE_S = 0.5

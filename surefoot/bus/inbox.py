@@ -18,8 +18,8 @@ _AWAKE = {""}
 """Awaited set of a reader that is awake; it names no service, so no item wakes the reader."""
 
 SMALL_BYTES, FEW = 4096, 256
-"""`SMALL_BYTES`: size of an item, bytes, up to which it is queued without counting its bytes, while fewer than `FEW`
-items wait."""
+"""`SMALL_BYTES`: size, bytes, up to which an item is queued without counting its bytes; `FEW`: number of waiting items
+from which on the bytes of each item count."""
 TICK_ITEMS, TICK_BYTES = 8192, 96 << 20
 QUERY_ITEMS, QUERY_BYTES = 256, 96 << 20  # a request may bring a map of 64 MiB
 OBSERVED_ITEMS, OBSERVED_BYTES = 256, 4 << 20  # and as much for heartbeats

@@ -30,8 +30,8 @@ service."""
 VARIABLE = "SUREFOOT_SECRET"
 """Environment variable by which the supervisor passes its secret to the processes that it starts."""
 DRAWN, BORN, SEAL = 4, 12, 16
-"""Lengths of the parts of a sealed process name, characters: `DRAWN` of ``f`` and random digits, `BORN` of the time,
-`SEAL` of the hash."""
+"""`DRAWN`: length of ``f`` and the random digits in a sealed process name, characters; `BORN`: length of the digits of
+its time; `SEAL`: length of its hash."""
 MOST_DIGITS = 20
 """Largest number of decimal digits of the time in a seal, and of the digits in a query; a longer number is ignored."""
 MOST_NAMED, MOST_SHOWN, OTHERS = 16, 80, "other keys"

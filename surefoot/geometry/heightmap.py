@@ -23,7 +23,7 @@ from surefoot.geometry import heightmap_cells as cells
 
 FRAME = "map"
 SMALLEST_CELL, WIDEST_CELL = 1e-6, 1e3
-"""`SMALLEST_CELL`, `WIDEST_CELL`: smallest and largest allowed edge of a map's cell, m; a map outside is refused."""
+"""`SMALLEST_CELL`: smallest allowed edge of a map's cell, m; `WIDEST_CELL`: largest one, m; other maps are refused."""
 MAX_CELLS = 16_000_000
 """Largest allowed number of cells of a map (4000 x 4000, 64 MB); a larger map is refused."""
 

@@ -28,7 +28,7 @@ JOIN_TIMEOUT_S = 90.0
 HOLD_S = 120.0
 """Longest wait for the return of a lost member, s of wall time; after it the run ends."""
 SILENCE_S, RESENDS, REPEAT_S = 0.25, 8, 1.0
-"""`SILENCE_S`: wall time without progress after which the last ticks are sent again, s; `RESENDS`: number of
+"""`SILENCE_S`: wall time without progress after which the last ticks are sent again, s; `RESENDS`: number of these
 repetitions after which the slowest member counts as lost; `REPEAT_S`: interval of repetitions while a lost member is
 awaited, s."""
 STATUS_S = 1.0

@@ -43,8 +43,8 @@ BACKLOG_TICKS = 8
 skip every second tick would lack each other's messages for ever."""
 
 BATCH_PATIENCE_TICKS, BATCH_BACKLOG_TICKS = 30, 1000
-"""`BATCH_PATIENCE_TICKS`: number of later ticks after which a batched service does a tick with missing inputs, in paced
-mode; `BATCH_BACKLOG_TICKS`: lag there, ticks, from which it skips ticks."""
+"""`BATCH_PATIENCE_TICKS`: number of later ticks after which a batched service does a tick with missing inputs in paced
+mode; `BATCH_BACKLOG_TICKS`: lag of a batched service, ticks, from which it skips ticks."""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,8 @@ digest for each key."""
 KINDS = {".toml": "application/toml", ".json": "application/json", ".yaml": "application/yaml"}
 """Media types of attached files by suffix; a file of any other suffix is stored as bytes."""
 LATEST_NS, MOST_SEQ = (1 << 64) - 1, (1 << 32) - 1
-"""`LATEST_NS`: largest stamp, ns; `MOST_SEQ`: largest sequence number of a message that MCAP can hold."""
+"""`LATEST_NS`: largest stamp of a message that MCAP can hold, ns; `MOST_SEQ`: largest sequence number that it can
+hold."""
 
 
 class RecordingWriter:

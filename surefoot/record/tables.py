@@ -19,8 +19,8 @@ ALIASES = {
 }  # fmt: skip
 """Name of a column in this project, by the alternative name that it may have in an NPZ file."""
 FASTEST_S, SLOWEST_S = 5e-5, 0.5
-"""`FASTEST_S`, `SLOWEST_S`: shortest and longest allowed median step between inertial rows of a log, s; a log outside
-is refused."""
+"""`FASTEST_S`: shortest allowed median step between inertial rows of a log, s; `SLOWEST_S`: longest one, s; a log
+outside of these is refused."""
 LATEST_S = 9e9
 """Largest absolute stamp of a log, s, so that it fits into 64 bits as ns; a larger one is refused."""
 
