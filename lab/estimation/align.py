@@ -33,22 +33,26 @@ BLOCKS, QUANTILE = 10, 2.26
 """`BLOCKS`: parts of a log that the jackknife leaves out in turn; `QUANTILE`: 97.5 % point of Student's t with
 `BLOCKS` - 1 degrees of freedom."""
 FINEST, FINEST_DEG = 0.05, 0.05
-"""Smallest half widths of the 95 % intervals: `FINEST`: of the time offset, share of a step of the time grid;
-`FINEST_DEG`: of the rotation, deg."""
+"""`FINEST`: smallest half width of the 95 % interval of the time offset, in steps of the time grid; `FINEST_DEG`:
+smallest half width of that of the rotation, deg."""
 TURNS = 0.02
 """Angular rate, rad/s rms, below which time offset and rotation of the truth are not observable in a log."""
 ALIKE = 0.5
-"""Correlation of the angular rates of truth and gyro below which they belong to different times or bodies."""
+"""Correlation of the angular rates of truth and gyro below which the truth belongs to another recording or clock;
+lever arm and scale are then not estimated."""
 STANCE_S, STANCES = (0.4, 0.2, 0.1), 20
-"""Parts of a stance that are compared, s: the longest of which there are so many."""
+"""`STANCE_S`: times between two compared samples of a standing foot, s: the longest of which a log has `STANCES` pairs
+that do not overlap is used; `STANCES`: also the fewest pairs for estimating lever arm and scale."""
 LIMITS = {"offset_s": 0.02, "rotation_deg": 3.0, "lever_m": 0.04, "scale": 0.03}
 """Half width of the 95 % interval, by quantity (s, deg, m, ratio), above which a log does not show that quantity."""
 NOTED = {"rotation_deg": 2.0, "scale": 0.01}
-"""Departures from which on a truth is called misaligned; of the offset: one inertial row."""
+"""Departure of the truth's rotation, deg, and scale, ratio, less the half width of its interval, above which a note
+reports the truth as misaligned."""
 
 
 STRANGE = 0.2
-"""Departure of the scale of the truth from 1, a ratio, that no calibration explains."""
+"""Departure of the scale of the truth from 1, ratio, above which a note reports another unit or another robot instead
+of a misalignment."""
 
 
 class Found(NamedTuple):
@@ -70,7 +74,7 @@ class Alignment:
     correlation: float  # of the rates of turn, aligned; NaN: it hardly turns
 
     def known(self, name: str) -> bool:
-        """Return True if a quantity is observable and differs from that of an aligned truth beyond its interval."""
+        """Return True if quantity `name` is observable and differs from an aligned truth beyond its interval."""
         found = getattr(self, name)
         off = found.value - (1.0 if name == "scale" else 0.0)
         return bool((found.within < LIMITS[name]).all() and np.linalg.norm(off) > np.linalg.norm(found.within))
@@ -297,7 +301,7 @@ def _stances(log: Log) -> tuple[Array, Array, Array, float]:
 
 
 def _solve(matrix: Array, wanted: Array, when: Array, overlap: float) -> tuple[Array, Array]:
-    """Return the robust least-squares solution x (p,) of equations matrix x = wanted, and its half intervals (p,).
+    """Return the robust least-squares solution x (p,) of matrix x = wanted, and half widths of its 95 % intervals (p,).
 
     `matrix`: (k, 3, p); `wanted`: right sides, (k, 3); `when`: times of the equations, (k,) s, by which blocks are left
     out; `overlap`: number of equations that share their time.

@@ -8,7 +8,8 @@ from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
 from .log import Log
 
 STARTS = 200
-"""Number of inertial rows from which a dead reckoning starts, evenly spread over a log; at most twice as many."""
+"""Number of inertial rows, evenly spread over a log, from each of which a dead reckoning starts; rounding adds up to as
+many again."""
 
 
 def blind_error(log: Log, seconds: float) -> float:

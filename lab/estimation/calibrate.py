@@ -23,10 +23,10 @@ from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_wind
 NORMAL_95 = 1.96
 """Half of the interval of 95 % of a normal distribution, in standard deviations."""
 FEWEST_WINDOWS = 2
-"""Fewest time windows of a log for a calibration: the spread between windows gives the confidence interval."""
+"""Number of time windows of a log below which no parameter is observable: their spread gives the interval."""
 WIDER = {"length": 1.6, "offset": 2.0, "mounting": 3.0, "lever": 3.0}
-"""Factor on the confidence interval, by kind of parameter, for the bias of feet that rock, roll or creep at each
-step."""
+"""Factor on the 95 % interval by kind of parameter, default: 1; it covers the bias of feet that rock, roll or creep at
+each step."""
 ALWAYS = {"offset": 0.003}
 """Smallest half width of the 95 % interval by kind of parameter (`offset`: time offset, s), since feet yield under
 load."""
@@ -43,8 +43,8 @@ TINY = 1e-9
 UNSURE = 0.3
 """Standard deviation of the correction for the bias that foot noise causes, as a share of that correction."""
 NOTE_ROWS, NOTE_WINDOWS, NOTED_MS = 100_000, 12, 5.0
-"""Short check of the feet's time offset: `NOTE_ROWS`: most inertial rows; `NOTE_WINDOWS`: most time windows;
-`NOTED_MS`: smallest offset that is reported, ms."""
+"""`NOTE_ROWS`: most inertial rows, and `NOTE_WINDOWS`: most time windows, of the short check of the feet's time offset;
+`NOTED_MS`: offset less the half width of its interval, ms, above which a note reports it."""
 ALIKE = 0.1
 """Correlation coefficient assumed between the errors of two time windows of a walk."""
 USUAL_NOISE = {"sigma_q": 0.1, "sigma_w": 0.01}

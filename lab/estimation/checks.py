@@ -18,25 +18,25 @@ from .feet import up_at
 from .log import Log
 
 STEP_S = 0.15
-"""Time between the two foot samples that are compared, s."""
+"""Time between two foot samples whose difference is compared with the rotation of the IMU between them, s."""
 ENOUGH = 10  # pairs of samples that a statement needs
 FARTHEST_M = 3.0
-"""Typical distance from IMU to foot, m, above which the foot positions must be in another unit than metres."""
+"""Median distance from IMU to foot, m, above which a log is refused, since its foot positions are not in metres."""
 TURNED_DEG, TURNED_SHARE = 0.8, 1.4
 """`TURNED_DEG`: rotation of standing feet, deg rms, and `TURNED_SHARE`: its ratio to that with transposed
-orientations; above both, a log's foot orientations are transposed."""
+orientations; above both, a log is refused, since its foot orientations are transposed."""
 SWAPPED = 0.3
-"""Excess of a pair's foot speed over the mean of the feet, share of that mean; contacts are swapped if feet are
-slower by more while their own contact is open, and faster by more while the other's is."""
+"""Excess of a foot's speed over the mean of all feet, share of that mean, summed over two feet; their contacts are
+swapped if it is below -`SWAPPED` while their own contact is open and above `SWAPPED` while the other's is."""
 CONTRADICTING, FAST = 0.75, 0.03
-"""Speed between standing feet above which, if both are exceeded, legs contradict each other: `CONTRADICTING`: share
-of the usual speed of the feet; `FAST`: m/s."""
+"""`CONTRADICTING`: speed between standing feet over their speed relative to the IMU, ratio; `FAST`: speed between
+standing feet, m/s; above both, a note reports that legs contradict each other."""
 MASSES_KG, MASS_FACTOR = (0.1, 500.0), 2.0
-"""A note is made of a robot whose mass by its foot forces is outside of `MASSES_KG`: range, kg, without a
-description; `MASS_FACTOR`: largest ratio to the described mass, or its inverse."""
+"""`MASSES_KG`: range of the mass by the foot forces, kg, of a robot without description; `MASS_FACTOR`: largest ratio
+of the mass by the foot forces to the described mass, or its inverse; a mass outside is reported as a note."""
 LYING_DEG, LASTING_S = 60.0, 1.0
 """`LYING_DEG`: angle between the vertical and the line from feet to IMU, deg, above which a robot lies; `LASTING_S`:
-time from which that is reported, s."""
+time of lying, or without any contact, above which a note reports it, s."""
 
 
 class _Steps(NamedTuple):

@@ -97,7 +97,7 @@ def _estimated(
 
 
 def _scored(log: "Log", score_from: float | None) -> "Log":
-    """Return a log with the time after its start at which scores begin, s; None = its own."""
+    """Return a log whose scores begin `score_from` s after its start; None = at the time that the log states."""
     if score_from is None:
         return log
     if score_from >= log.seconds[-1]:

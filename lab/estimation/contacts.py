@@ -11,14 +11,14 @@ from surefoot.lockstep.intake import LOW_M
 from .log import Log
 
 USUAL, CARRIED = 90.0, 0.5
-"""`USUAL`: percentile of the total foot force over a log; `CARRIED`: share of that force from which at least one
-foot stands (less: in flight, or lifted)."""
+"""`USUAL`: percentile, %, of the total foot force over a log that counts as the usual force; `CARRIED`: share of the
+usual force above which at least one foot stands (below: in flight, or lifted)."""
 ALIKE_ON, ALIKE_OFF = 0.9, 0.6
-"""Hysteresis thresholds, as shares of the force of the most loaded foot: from `ALIKE_ON` on another foot stands with
-that one, below `ALIKE_OFF` no longer."""
+"""`ALIKE_ON`: share of the force of the most loaded foot above which another foot stands, too; `ALIKE_OFF`: share below
+which that foot stands no longer (hysteresis)."""
 LEAST_ON, LEAST_OFF = 0.5, 0.3
-"""Shares of the force of the most loaded foot: a foot below `LEAST_ON` does not begin to stand, and one below
-`LEAST_OFF` stops standing, however low the thresholds in N are."""
+"""`LEAST_ON`: share of the force of the most loaded foot below which a foot does not begin to stand; `LEAST_OFF`: share
+below which a standing foot lifts; both hold however low the thresholds in N are."""
 UP_S = 0.5
 """Averaging time of the accelerometer after which its mean shows the direction of gravity, s."""
 
@@ -90,8 +90,8 @@ def mean_up(stamp_ns: Ints, acc: Array, foot_ns: Ints) -> Array:
 def without_rolling(log: Log) -> Log:
     """Return the log of round feet as fixed contact points, for estimators that model only point feet.
 
-    The centre of a ball of radius r that rolls with the rate w_f moves by w_f x r up. The way that it has rolled since
-    touch-down, and r up, are taken off the foot's position; in a stance gravity is taken as fixed in IMU axes.
+    The centre of a ball of radius r that rolls with the rate w_f moves by w_f x r up. Its displacement by rolling since
+    touch-down, and r up, are subtracted from the foot's position; in a stance gravity is assumed fixed in IMU axes.
     """
     if log.radius is None or not log.radius.any():
         return log

@@ -24,7 +24,7 @@ PARTS = ("v", "g", "position", "yaw")
 
 @dataclass(frozen=True, eq=False)
 class Estimated:
-    """Estimates of one run at n inertial rows."""
+    """Estimates of one run of an estimator over a log, at n inertial rows."""
 
     path: Path
     stamp_ns: Ints  # (n,)
@@ -38,7 +38,7 @@ class Estimated:
 
 
 class Departure(NamedTuple):
-    """Difference of one quantity between two estimates: rms, largest value, and time of the largest value."""
+    """Difference of one quantity (m/s, m or deg) between two estimates: rms, largest value, and time of the largest."""
 
     rms: float
     largest: float

@@ -136,7 +136,7 @@ def _variance(columns: Columns, count: int) -> Array:
 
 
 def _number(columns: Columns, key: str, default: float | None = None) -> float:
-    """Return the stated number of a column `key`, positive unless there is a `default`, or the default if none is.
+    """Return the number in column `key`, which must be above 0 if there is no `default`; without column the default.
 
     Raises:
         SurefootError: the number is missing or not allowed.

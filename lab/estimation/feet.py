@@ -15,10 +15,11 @@ from .contacts import by_force, by_height, mean_up
 
 KINDS = ("point", "sole", "line")
 ON, OFF = 0.25, 0.15
-"""Contact thresholds with hysteresis, shares of the usual total foot force: a foot stands from `ON` on, until its
-force falls below `OFF`."""
+"""`ON`: force above which a foot stands, share of the median total foot force; `OFF`: force below which it lifts, share
+of the same total (hysteresis)."""
 SAVED = 0.1
-"""Share of foot samples without a foot above the force threshold, from which on `surefoot estimate` prints a note."""
+"""Share of foot samples in which a foot stands though none exceeds the force threshold; with a larger share `surefoot
+estimate` prints a note."""
 SOLE_SHARES = (1 / 3, 1 / 5)
 """Length and width of a sole of unknown size, each as a share of the distance from IMU to foot."""
 LEVEL_DEG = 15.0
@@ -65,7 +66,7 @@ class FeetOptions:
 
     @property
     def shaped(self) -> bool:
-        """True if the shape of the feet is stated."""
+        """True if kind, radius or sole of the feet is stated, False if none is."""
         return not (self.kind is None and self.radius is None and self.sole is None)
 
 

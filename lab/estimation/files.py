@@ -28,7 +28,8 @@ from .truth import truth_of
 from .units import check_units, quietest
 
 STANDSTILL = {"standstill_gyro_sd": 0.05, "standstill_acc_sd": 0.5}
-"""Default limits of a standstill for unknown sensors, standard deviations of gyro, rad/s, and accelerometer, m/s^2."""
+"""Standard deviations of gyro, rad/s, and accelerometer, m/s^2, of unknown sensors above which a robot does not stand
+still."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ def _kinematics(
 ) -> tuple[Columns, Array, Array, Array | None]:
     """Return columns, feet (m, F, 3) m, IMU axes, rotations from foot to IMU (m, F, 3, 3), joints (m, nj) rad or None.
 
-    Forces by joint torques are added to the columns where there are no others.
+    Forces by joint torques are added to the columns of a log that has no measured forces.
     """
     if "foot_position" in columns:
         return columns, *_feet(columns, notes), None
@@ -204,7 +205,7 @@ def _feet(columns: Columns, notes: list[str]) -> tuple[Array, Array]:
 
 
 def _joints(columns: Columns, robot: Robot) -> tuple[list[int], Array]:
-    """Return the order of the columns of the joints, as indices by joint of the robot, and angles (m, nj) rad in it."""
+    """Return the column index of each joint of the robot, and the joint angles (m, nj) rad in the robot's order."""
     joints, order = np.asarray(columns["joints"], dtype=np.float64), list(range(columns["joints"].shape[1]))
     if "joint_names" in columns:
         names = [str(name) for name in columns["joint_names"]]

@@ -13,13 +13,13 @@ EDGE_S = 0.03
 BLOCK_S = 0.5
 """Length of the blocks over which foot forces are averaged and compared with the robot's weight, s."""
 FEWEST_SWINGS, FEWEST_BLOCKS = 3, 6
-"""`FEWEST_SWINGS`: fewest swings of a foot for a zero of its force cell; `FEWEST_BLOCKS`: fewest averaged blocks for
-the scales."""
+"""`FEWEST_SWINGS`: number of swings of a foot below which the zero of its force cell is not observable;
+`FEWEST_BLOCKS`: number of averaged blocks below which the scales of the cells are not observable."""
 FIRST_NOISE = 0.05
 """Initial noise of the mean foot force of a block, standard deviation, as a share of the robot's weight."""
 ZERO_SHARE, SCALE_RANGE = 0.1, 0.3
-"""Half widths of the likely ranges of a force cell: `ZERO_SHARE`: of its zero, share of the robot's weight;
-`SCALE_RANGE`: of its scale, ratio."""
+"""`ZERO_SHARE`: half width of the likely range of the zero of a force cell, share of the robot's weight; `SCALE_RANGE`:
+half width of the likely range of its scale, ratio."""
 
 
 def calibrate_forces(log: Log) -> list[CalibratedValue]:

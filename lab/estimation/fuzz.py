@@ -341,7 +341,7 @@ def _by_rows(running: LogRunner, inputs: list[Inputs], truth: Array) -> tuple[st
 
 
 def _failure(e: Any, position: Array, covariance: Array, every: bool) -> str:
-    """Return the failure of an estimate, empty: none; eigenvalues are computed for `every` test only.
+    """Return the failure of an estimate, empty: none; eigenvalues of covariances are checked only if `every` is True.
 
     `position` (3,) m; `covariance`: of the pose, (n, n).
     """

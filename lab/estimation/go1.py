@@ -26,8 +26,8 @@ ASIDE = np.array([0.08, -0.08, 0.08, -0.08])  # m, hip to thigh along y
 FORCES_FROM = (1, 0, 3, 2)
 """Index of each foot FL FR RL RR among the manufacturer's forces, whose order is FR FL RR RL."""
 REST_SHARE, ON, OFF = 0.2, 0.15, 0.1
-"""`REST_SHARE`: quantile of a foot's force counts taken as unloaded; contact thresholds as shares of the range above
-it: a foot stands from `ON` on, and lifts below `OFF`."""
+"""`REST_SHARE`: quantile of a foot's force counts that counts as unloaded; `ON`: share of the range from there to the
+95 % quantile above which a foot stands; `OFF`: share of that range below which it lifts."""
 
 
 def _chain(joints: Array, scale: float) -> tuple[Array, Array, Array]:

@@ -31,7 +31,7 @@ class TrueMotion:
 
     @cached_property
     def v(self) -> Array:
-        """True velocity at each row, (n, 3) m/s, axes of the inertial unit."""
+        """True velocity of the IMU at each inertial row, (n, 3) m/s, IMU axes."""
         return np.einsum("nji,nj->ni", self.rot, self.v_world)
 
     @property
@@ -114,7 +114,7 @@ class Log:
 
     @property
     def position(self) -> Array:
-        """True position of the IMU, (n, 3) m, world."""
+        """True position of the IMU at each inertial row, (n, 3) m, world."""
         return self.known().position
 
     @property
@@ -124,17 +124,17 @@ class Log:
 
     @property
     def v(self) -> Array:
-        """True velocity, (n, 3) m/s, IMU axes."""
+        """True velocity of the IMU at each inertial row, (n, 3) m/s, IMU axes."""
         return self.known().v
 
     @property
     def v_world(self) -> Array:
-        """True velocity, (n, 3) m/s, world axes."""
+        """True velocity of the IMU at each inertial row, (n, 3) m/s, world axes."""
         return self.known().v_world
 
     @property
     def up(self) -> Array:
-        """True specific force at rest, (n, 3) m/s^2, IMU axes."""
+        """True specific force at rest, minus gravity, at each inertial row, (n, 3) m/s^2, IMU axes, points up."""
         return self.known().up
 
     @cached_property

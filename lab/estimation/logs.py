@@ -32,7 +32,7 @@ SENSORS: dict[str, float | int] = {
 SOLE = np.array([[0.07, 0.03, 0.0], [0.07, -0.03, 0.0], [-0.04, 0.0, 0.0]])
 """Three points of a sole in its own axes, m: inside the outline of the humanoids' soles."""
 EXACT_ROWS = 7
-"""Rows of the window from which a velocity is computed out of exact (simulated) positions."""
+"""Length of the window, rows, over which exact (simulated) positions are fitted to get the true velocity."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _generated(row: ForeignLog, path: Path) -> Log:
 
 
 def _go1(row: ForeignLog, path: Path) -> Log:
-    """Return the trot: rows averaged over `every`, stamped at their end; feet and truth are those of that moment.
+    """Return the log of a trot of a Go1: means of `every` rows, stamped at their end; feet and truth are of that time.
 
     A contact flag does not mean a resting foot here: feet slide at 1 m/s for a tenth of a second after touch-down.
     """
@@ -150,7 +150,7 @@ def _go1(row: ForeignLog, path: Path) -> Log:
 
 
 def _spot(row: ForeignLog, path: Path) -> Log:
-    """Return the staircase: rows at the mean period, since their stamps jitter; feet at the stamps of their events."""
+    """Return the log of a Spot on stairs: rows at the mean period, as their stamps jitter; feet at event stamps."""
     columns = np.load(path)
     t = columns["t"]
     even = (t[-1] - t[0]) / (len(t) - 1) * np.arange(len(t))
@@ -173,7 +173,7 @@ def _bag(row: ForeignLog, path: Path) -> Log:
 
 
 def _go1_rows() -> list[ForeignLog]:
-    """Return the rows of the trot: 1 kHz and averaged to 200 Hz, contacts from four sources."""
+    """Return the table rows of the trot of a Go1: at 1 kHz and averaged to 200 Hz, with contacts from four sources."""
     rows: list[ForeignLog] = []
     known: tuple[Contacts, ...] = ("given", "force", "torque", "none")
     for every, rate in ((1, ""), (5, "_200")):
@@ -200,8 +200,8 @@ FOREIGN: dict[str, ForeignLog] = {row.name: row for row in (
                1.0),
     ForeignLog("go1_bag_a", "go1_bag_a.bag", _bag, {"sigma_w": 0.01, "sigma_q": 0.1}, "ball", 0, 0.5, 1.0),
 )}  # fmt: skip
-"""Logs of others by name. Soles are those of the robots; `found` feet are what `surefoot estimate` makes of a file
-about which nothing is stated."""
+"""Logs recorded by others, by name: file, reader, noise and feet of each. Feet are those of the robot, or if `found`,
+what `surefoot estimate` assumes of a file that states nothing about them."""
 
 
 def foreign(name: str, data: Path = DATA) -> Log:

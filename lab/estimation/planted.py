@@ -18,7 +18,7 @@ Plant = Callable[[Log, float, int], Log]
 """Function of a log, the time since its start, s, and the foot at fault, which returns the log with the fault."""
 
 SWITCHES, ENCODERS = ("contact", "touch", "chance"), ("foot_position", "foot_rot")
-"""Names of the fields of a log: `SWITCHES`: from foot switches; `ENCODERS`: from joint encoders."""
+"""`SWITCHES`: names of the fields of a log that come from foot switches; `ENCODERS`: of those from joint encoders."""
 JUMP, JUMP_SHARE = 0.03, 0.1  # m, size; share of the samples
 SHIFT = 0.02  # m
 SCALE = 1.1

@@ -39,7 +39,7 @@ FILE_NAMES = {
     "v_odom": "velocity_odom", "slipping": "slipping",
     "contact": "contact_probability",
 }  # fmt: skip
-"""Name in the result file of each field of a track, where the two differ."""
+"""Name in the result file by field of a track; default: the name of the field."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def pack(folder: Path, out: Path) -> Path:
 
 
 def write_csv(result: Result, out: Path) -> Path:
-    """Write time, velocity, gravity, pose, standard deviations, NIS and flags, a row per inertial row."""
+    """Write stamps, velocity, gravity, pose, standard deviations, NIS and flags as CSV, a line per inertial row."""
     track, feet = result.track, result.log.feet_count
     names = ["stamp_ns"]
     for name in ("velocity_imu", "velocity_odom", "g_up_imu", "position", "velocity_sd"):
@@ -226,7 +226,7 @@ def _write_rows(file: TextIO, stamp_ns: Array, position: Array, quats: Array) ->
 
 
 class Scratch:
-    """Temporary folder for the single files of a result, removed at the end."""
+    """Context manager that yields a temporary folder for the single files of a result, and removes it on exit."""
 
     def __init__(self, beside: Path | None) -> None:
         self.path = Path(tempfile.mkdtemp(prefix=".estimates-", dir=beside))

@@ -38,7 +38,7 @@ def follows(log: Log) -> Flags:
 
 
 def _backward(found: Externals, total: int) -> Externals:
-    """Return samples from elsewhere of a reversed log: velocities change sign, none is late.
+    """Return the external samples (camera, GNSS) of a reversed log: velocities change sign, none arrives late.
 
     `total`: sum of a stamp in the log and that of the instant in the reversed log, ns.
     """

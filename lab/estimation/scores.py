@@ -199,7 +199,7 @@ def _odometry(log: Log, found: Track) -> tuple[float, float, float, float]:
 
 
 def _integral(log: Log, found: Track) -> float:
-    """Return the gap between the integrated velocity and the odometry at the end, m."""
+    """Return the distance at the end between the integral of the published velocity and the published position, m."""
     first, last = _span(log)
     v, t = found.v_odom[first : last + 1], log.seconds[first : last + 1]
     way = np.sum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0)

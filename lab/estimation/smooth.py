@@ -47,7 +47,8 @@ AGREED_S = 1.0
 """Time over which the differences of the two passes are averaged, s: longer than a step, shorter than a slide."""
 
 LASTING_S = 2.0
-"""Standard deviation of the Gaussian window, s, above whose length the smoothed path follows the forward pass."""
+"""Standard deviation of a Gaussian window, s: over longer times the smoothed path follows the forward pass, over
+shorter ones the integral of the fused velocity."""
 
 
 def smooth(name: str, log: Log, **options: Any) -> Track:
@@ -197,8 +198,8 @@ def _with_path(log: Log, out: Track, ahead: Track, back: Track, used: list[Flags
 def _gap(steps: Array, ahead: Track, yaw: Array, used: Flags, rows: float) -> Array:
     """Return the low-pass difference of forward path and integral of the fused velocity at each row, (n, 3) m.
 
-    The forward pass corrects its position with each foot, so that errors that come with every stride cancel; what lasts
-    longer than 2 s comes from it.
+    The forward pass corrects its position with each foot, so that errors that come with every stride cancel; changes
+    over more than 2 s are taken from it.
 
     Args:
         steps: of the integral from row to row, (n - 1, 3) m.

@@ -34,9 +34,10 @@ window; `WINDOWS`: most windows of a log."""
 TRIM_S = 0.03
 """Time after touchdown and before lift-off that is left out, s: the foot loads and rolls there."""
 GAP_S = 0.2
-"""Time between two inertial rows, s, above which a calibration window must not contain them."""
+"""Time between two inertial rows, s, above which samples are missing: calibration windows near such a gap are not
+used."""
 FEWEST = 4
-"""Fewest foot samples of a stance, and of a calibration window; those with less are not used."""
+"""Fewest foot samples of a stance that is used; a calibration window needs twice as many."""
 STILL_M = 1e-3
 """Motion of a standing foot relative to the body, m rms, below which a calibration window is not used."""
 FACTORS = np.array([2.0, 2.0, 0.05])
@@ -44,9 +45,10 @@ FACTORS = np.array([2.0, 2.0, 0.05])
 INFLATION = (0.3, 1e4)
 """Smallest and largest factor on the variance of a stance, relative to the variance of all stances."""
 LEAST = 1e-5
-"""Least noise of each kind, in its unit: a log may state none."""
+"""Smallest noise of foot, m, creep, m/s^.5, and accelerometer, m/s^1.5, in calibration: a log may state none."""
 NOISE_WINDOWS = 12
-"""Largest number of calibration windows from which the noise of feet and IMU is estimated."""
+"""Number of calibration windows from which the noise of feet and IMU is estimated; rounding may give nearly twice as
+many."""
 
 
 class StanceNoise(NamedTuple):
@@ -80,7 +82,7 @@ class StanceWindow:
 
     @cached_property
     def _pairs(self) -> tuple[Array, Array, Array, Array]:
-        """Parts of the covariance that times set, (N, N) each: creep, accelerometer, gyro; free terms (N, n)."""
+        """Covariance by creep, accelerometer, gyro of unit noise, (N, N) each; columns of the n free terms, (N, n)."""
         m, late = np.minimum.outer(self.s, self.s), np.maximum.outer(self.s, self.s)
         d, same = late - m, np.equal.outer(self.stance, self.stance)
         free = np.column_stack([self.s, self.s**2, np.equal.outer(self.stance, np.arange(self.stance.max() + 1))])

@@ -15,9 +15,11 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_jacobians, gravity_torques
 
 FACTOR = 2.0
-"""Ratio of total foot force to robot weight, or its inverse, above which joint torques have a wrong scale."""
+"""Ratio of median total foot force to robot weight, or its inverse, above which a note reports that joint torques have
+a wrong scale."""
 STRETCHED = 0.02
-"""Ratio of a singular value of a leg's Jacobian to the largest, below which that direction of force is left out."""
+"""Ratio of a singular value of a leg's Jacobian to the largest one, below which the foot force in the direction of that
+singular value is set to 0: the torques of a stretched leg do not show it."""
 
 
 class TorqueForces(NamedTuple):

@@ -315,7 +315,8 @@ def _linear(log: Log, options: Mapping[str, Any]) -> Track:
 
 
 PEERS: dict[str, Callable[[Log, Mapping[str, Any]], Track]] = {"inekf": _inekf, "linear": _linear}
-"""Reference estimators by name: contact-aided invariant EKF, linear filter in the style of MIT's."""
+"""Functions (log, options) -> track of the referees, estimators to compare with, by name: contact-aided invariant EKF,
+linear Kalman filter as in MIT's Cheetah-Software."""
 
 ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {
     "best": {

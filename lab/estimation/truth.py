@@ -14,10 +14,10 @@ WINDOWS_S = (0.0, 0.05, 0.09, 0.15, 0.25, 0.4, 0.6)
 """Candidate window lengths of the cubic fits that give velocity from captured positions, s; 0 = differences of
 neighbours."""
 APART_S = 0.1
-"""Time over which changes of that velocity are compared with the accelerometer, s."""
+"""Time over which changes of a velocity from captured positions are compared with the integrated accelerometer, s."""
 HELD_S, HELD_TIMES = 0.1, 3.0
-"""A pose repeated for longer than `HELD_S`, s, and `HELD_TIMES` times the usual repetition in the log is stale (the
-capture lost the robot) if a neighbouring pose differs by more than `HELD_M` or `HELD_RAD`."""
+"""`HELD_S`: time, s; `HELD_TIMES`: multiple of the median time for which the log repeats a pose; a pose repeated for
+longer than both is stale (capture lost the robot) if a neighbour differs by more than `HELD_M` or `HELD_RAD`."""
 HELD_M, HELD_RAD = 0.005, 0.02
 """`HELD_M`: displacement, m; `HELD_RAD`: rotation, rad; above either, the robot moved while the capture repeated a
 pose."""

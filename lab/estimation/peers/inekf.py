@@ -23,7 +23,8 @@ from surefoot.kernels.jit import kernel
 from ..log import Log, Segments, segments
 
 FREE = 1e4
-"""Variance of a point that does not touch, m^2: it takes no part."""
+"""Variance, m^2, of each coordinate of a contact point that does not touch the ground; the point has no correlation
+with the state and is not used in corrections."""
 
 
 class InekfNoise(NamedTuple):

@@ -22,13 +22,13 @@ KINDS = {
     "gtsam_iekf": "LeggedInvariantEKF", "gtsam_graph": "LeggedInvariantIEKF", "gtsam_lag": "LeggedFixedLagSmoother",
     "gtsam_combined": "LeggedCombinedFixedLagSmoother",
 }  # fmt: skip
-"""Class of each referee."""
+"""Name of the GTSAM class of each referee (estimator that ours is compared with), by name of the referee."""
 SMOOTHERS = ("gtsam_lag", "gtsam_combined")
-"""Referees that publish no covariance."""
+"""Names of the referees that are fixed-lag smoothers; the covariance of their estimates is NaN."""
 LAG_S = 1.0
 EVERY_NS, LEAST_NS = 50_000_000, 10_000_000
-"""Time between two samples of the feet that a smoother takes, ns, and where a foot lands or lifts: at steps of 1 ms
-its system is indeterminate."""
+"""`EVERY_NS`: shortest time between two foot samples that a smoother uses, ns; `LEAST_NS`: shortest time if a foot has
+landed or lifted, ns: with steps of 1 ms the smoother's equations are indeterminate."""
 
 
 class LeggedNoise(NamedTuple):

@@ -9,7 +9,7 @@ sample, per foot in contact, w the rate of turn:
     v = -R (w x y + y')   (y' by differences: logs have no joint rates)
     d_z = height at touch-down
 
-A foot in the air gets 100 times the noise.
+A foot in the air gets 100 times the standard deviations of a standing one.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from ..log import Log, Segments, segments
 from .inekf import PeerStart, PeerTrack, Readings, at_rest, exp3, new_track, readings, upright
 
 SUSPECT = 100.0
-"""Factor on the noise of a foot in the air."""
+"""Factor on the standard deviations of random walk and measured position of a foot in the air; 1 for one in contact."""
 
 
 class LinearNoise(NamedTuple):
