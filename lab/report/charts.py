@@ -22,7 +22,7 @@ FEET_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, "#c2a100", "#008fa1", GREY, INK)
 BINS = 700
 """Number of time bins of a curve; the page gets the smallest and the largest value of each, so that no peak is lost."""
 UNSURE = 1.0
-"""Standard deviation of an estimated velocity, m/s, from which on its chart shows no uncertainty band."""
+"""Standard deviation of an estimated velocity, m/s, from which on the velocity's chart shows no uncertainty band."""
 
 Chart = dict[str, Any]
 
@@ -81,7 +81,7 @@ def _chart(
 def _series(name: str, colour: str, time: Array, values: Array, band: Array | None = None, **more: Any) -> Chart:
     """Return a curve of values (n,) over time (n,) s, thinned to its extremes.
 
-    `band` (n,): half the width of a band about it, in its unit.
+    `band` (n,): half the width of a band about the curve, in the unit of `values`.
     """
     keep = _extremes(values)
     found: Chart = {"name": name, "colour": colour, "t": _numbers(time[keep]), "y": _numbers(values[keep]), **more}

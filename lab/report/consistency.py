@@ -19,8 +19,8 @@ NIS = "NIS of the velocity filter, a slide of each foot allowed for"
 BOUND = 0.95
 """Probability with which a normalised square (NEES or NIS) of a consistent filter lies below the bound in its chart."""
 OVERCONFIDENT, CAUTIOUS = 1.5, 0.5
-"""Mean of the normalised squares over their degrees of freedom, limits: above `OVERCONFIDENT` and below `CAUTIOUS`
-a filter gets that verdict, in between it counts as consistent."""
+"""`OVERCONFIDENT`: mean of the normalised squares over their degrees of freedom above which a filter is overconfident;
+`CAUTIOUS`: mean below which it is cautious; in between it is consistent."""
 
 
 @dataclass(frozen=True)

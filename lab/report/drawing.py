@@ -82,8 +82,8 @@ def write_figures(plots: Mapping[str, Callable[[S], Figure]], study: S, folder: 
     """Write figures of a study as SVG files into a folder, which is made; return their paths.
 
     Args:
-        plots: what draws each figure, by the name of its file.
-        study: argument of the functions.
+        plots: function that draws each figure, by the name of its file without ending.
+        study: argument of these functions.
         folder: None = nothing is written.
     """
     if folder is None:
@@ -97,7 +97,7 @@ def write_figures(plots: Mapping[str, Callable[[S], Figure]], study: S, folder: 
 
 
 def svg_of(figure: Figure, prefix: str) -> str:
-    """Return the figure as an SVG element for use inside HTML: no prologue, no metadata, ids of its own."""
+    """Return the figure as an SVG element for use in HTML: no prologue, no metadata, ids that begin with `prefix`."""
     stream = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": prefix}):
         nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))

@@ -20,20 +20,20 @@ GAP_PERIODS = 5.0
 FROZEN_S = 0.08
 """Least duration, s, of identical inertial samples in a row from which the inertial unit counts as frozen."""
 STUCK_S, MOVED = 0.4, 0.12
-"""Stuck encoder: `STUCK_S`: least time, s, for which its angle does not change; `MOVED`: change of the joint's
-command, rad, that must be exceeded in this time."""
+"""`STUCK_S`: time, s, from which an encoder with a constant angle counts as stuck, if its joint's command moves by more
+than `MOVED`, rad, and another joint by more than half of that, meanwhile."""
 STILL_S, STILL_RAD = 1.0, 0.02
-"""Lost commands: `STILL_S`: window, s, in which no joint moves; `STILL_RAD`: angle change in it, rad, below which a
-joint does not count as moving."""
+"""`STILL_S`: window, s; `STILL_RAD`: change of a joint angle in it, rad, below which the joint does not move; commands
+count as lost if no joint moves while a command changes by more than `OFF_RAD`."""
 OFF_RAD, OFF_S = 0.25, 0.25
-"""Servo fault: `OFF_RAD`: difference of joint angle and command, rad, above which the joint does not follow; `OFF_S`:
-least time, s, for which this lasts."""
+"""`OFF_RAD`: difference of joint angle and command, rad, above which the joint does not follow; `OFF_S`: time of this,
+s, from which it counts as a servo fault."""
 SLIDES_M, SLIDES_S = 0.003, 0.3
-"""Sliding feet: `SLIDES_M`: slide of a contact point, m, above which a foot counts as sliding; `SLIDES_S`: window, s,
-over which the slide is measured."""
+"""`SLIDES_M`: slide of a contact point within the window `SLIDES_S`, m, above which a foot counts as sliding;
+`SLIDES_S`: length of that window, s."""
 IN_TURN, IN_TURN_S = 3, 2.0
-"""Low friction: `IN_TURN`: least number of feet that slide one after another; `IN_TURN_S`: window, s, in which all of
-them must have slid."""
+"""`IN_TURN`: least number of feet that slide one after another within `IN_TURN_S` from which the ground counts as of
+low friction; `IN_TURN_S`: length of that window, s."""
 PUSH, PUSH_S = 5.0, 0.08
 """`PUSH`: mean acceleration of the trunk, m/s^2, above which it counts as a push, as no step causes it; `PUSH_S`:
 window of this mean, s."""
@@ -48,7 +48,7 @@ ROOTS = ("service", "stop", "command", "imu", "joints", "contacts", "encoder", "
 
 @dataclass(frozen=True)
 class Clue:
-    """Something seen in a recording.
+    """Evidence of a fault or of its consequences in a recording.
 
     Attributes:
         code: kind, one of `ROOTS` or a consequence.
@@ -148,7 +148,7 @@ def followed(s: Signals) -> list[Clue]:
 
 
 def _joints(s: Signals) -> tuple[Array, Array, Array]:
-    """Return times (n,), angles (n, nj) and the latest command before each (n, nj), rad."""
+    """Return times (n,) s from 1 s on, joint angles (n, nj) rad and the commands of 50 ms before, (n, nj) rad."""
     none = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
     if not s.rows["hw/joints"] or not s.rows["cmd/joints"]:
         return none

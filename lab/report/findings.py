@@ -5,9 +5,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 CONFIRMED, NOT_CONFIRMED, DEVIATION = "confirmed", "not confirmed", "known deviation"
-"""Verdicts on a number that a paper states: within its limit, outside of it, outside of it for a known reason."""
+"""Verdicts on a number that a paper states: `CONFIRMED`: our result is within the limit; `NOT_CONFIRMED`: it is
+outside; `DEVIATION`: it is outside for a known reason."""
 MET, MISSED = "ok", "FAILED"
-"""Verdicts on a limit that this project sets and the paper does not state: kept, or not."""
+"""Verdicts on a limit that this project sets where the paper states no number: `MET`: our result is within the limit;
+`MISSED`: it is outside."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +22,8 @@ class Finding:
         paper: what is printed there; empty when the paper prints no number (a figure without scale, a reference of
             our own).
         ours: result of this project.
-        ok: whether ours is within the limit; None without a limit.
-        limit: limit of the difference or of ours, in words.
+        ok: True if our result is within the limit, False if not; None without a limit.
+        limit: limit of our result or of its difference to the paper, in words.
         known: reason why this project is known to get another result; empty if it should get the paper's.
     """
 
@@ -35,7 +37,7 @@ class Finding:
 
     @property
     def verdict(self) -> str:
-        """Return the verdict in words; empty without a limit. Only what the paper states is confirmed or not."""
+        """Verdict on a number of the paper (`confirmed` ...) or a limit of this project (`ok` ...); empty: no limit."""
         if self.ok is None:
             return ""
         if not self.paper:

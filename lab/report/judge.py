@@ -60,7 +60,7 @@ METRICS: Mapping[str, Metric] = {
 
 
 SIBLINGS = {"min_margin_measured_m": "min_margin_m"}
-"""Metrics without a limit of their own; each maps to the metric (of `METRICS`) whose limit is applied to it."""
+"""Metrics without a limit of their own; each maps to the metric with whose limit a note compares it."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Row:
 
     Attributes:
         name: key of `METRICS`.
-        value: None when the run has no data on it.
+        value: in the unit of the metric; None when the run has no data on it.
         limits: (side, limit) pairs that the value was compared with.
         ok: True if all limits are met, False if one is missed or a live run lacks the value; None without a limit, or
             if a recording lacks the value.
@@ -104,7 +104,7 @@ class RunVerdict:
         rows: one per metric.
         problems: failures besides missed limits, in words: a service that died, a refused command, ...
         message_hash: hash of all deterministic messages, empty when unknown.
-        comparable: False after a time-out, a restart or a degraded tick: the hash means nothing then.
+        comparable: True if runs can be compared by the hash, False after a time-out, a restart or a degraded tick.
         watched: True if all problems of the run are known, False for a recording, which does not hold all of them.
         partly: True if only a part of a recording can be read, False if all of it was.
     """
@@ -167,14 +167,14 @@ def judge(
     """Compare the numbers of a run with its limits, and return the verdict.
 
     Args:
-        traces: what happened.
+        traces: time series of the run.
         limits: by key of `LIMITS`.
         wall_s: wall time between the first and the last tick, for the real-time factor.
         message_hash: of the run.
-        comparable: whether the hash means anything.
-        problems: what went wrong besides the numbers; the verdict cannot be ok then.
-        notes: what else the reader should know.
-        watched: all problems of the run are known, and a limit on a value without data is missed.
+        comparable: True if runs can be compared by the hash, False if not.
+        problems: failures besides missed limits, in words; with any the verdict is not ok.
+        notes: remarks for the reader of the report.
+        watched: True if all problems of the run are known: a limit on a value without data is missed; else left open.
     """
     values = measure(traces, wall_s)
     rows: list[Row] = []
@@ -256,7 +256,7 @@ def measure(traces: Traces, wall_s: float | None = None) -> dict[str, float]:
 
 
 def navigation(traces: Traces, truth: Array) -> dict[str, float]:
-    """Return how goals ended and how good the pose in the map was, by name; nothing without a navigator.
+    """Return the metrics of goals and of the pose in the map, by key of `METRICS`; none without a navigator.
 
     Errors are in m, times in s. `truth`: a row per message, (n, 12): time s, position m and velocity m/s (3 each), yaw
     and tilt rad, CoM m (3).

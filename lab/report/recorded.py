@@ -19,10 +19,10 @@ from .traces import KEYS, read_traces
 from .why import explain
 
 READ, EXPLAINED, FILMED = 0.3, 0.5, 0.8
-"""Progress of a report, shares of the whole: `READ`: recording read; `EXPLAINED`: failure explained; `FILMED`: replay
-made, only the page is still to be written."""
+"""`READ`: progress of a report, 0 to 1, once the recording is read; `EXPLAINED`: once the failure is explained;
+`FILMED`: once the replay is made."""
 HASH_SHOWN = 12
-"""Number of characters of a configuration's hash that a report shows."""
+"""Length of the part of a configuration's hash that a report shows, characters."""
 UNFINISHED = "the run lasted until max_duration_s: its steps may be unfinished"
 
 

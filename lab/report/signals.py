@@ -22,12 +22,12 @@ READ = (
 )  # fmt: skip
 
 NEEDED = {"hw/imu": {"gyro", "acc"}, "hw/joints": {"position"}, "hw/contacts": {"touch"}}
-"""Fields by message key without which a recorded message is skipped; all other fields may be missing."""
+"""Names of the fields without which a recorded message is skipped, by topic key; all other fields may be missing."""
 CLOCKS = ("hw/tick", "sim/truth", "hw/imu")
 """Keys of topics with one message in each control tick, which serve as clocks of a recording."""
 JUMP_S, BACK_S = 60.0, 0.05
-"""Clock jumps: `JUMP_S`: step between two messages of a clock, s, above which it jumps forward; `BACK_S`: step back, s,
-above which it jumps back."""
+"""`JUMP_S`: time from one message of a clock to the next, s, above which the clock jumps forward; `BACK_S`: step back,
+s, above which it jumps back."""
 
 
 @dataclass

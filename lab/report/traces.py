@@ -35,7 +35,10 @@ KEYS = (
 
 @dataclass(frozen=True)
 class StanceTrace:
-    """One finished stance of one foot: end time (s), foot index, slide of its contact point (m), place (m)."""
+    """Finished stance of a foot: end time (s), foot index, slide of its contact point (m), place (x, y in m).
+
+    The place is in the world, or in odom if the run has no truth.
+    """
 
     time: float
     foot: int
@@ -166,7 +169,7 @@ class Traces:
         self._finished = tuple(m.stances)
 
     def _velocity(self, key: str, m: Any) -> None:
-        """Add a row: time s, velocity m/s (3, base_link axes), initialised, its standard deviations m/s (3), NIS."""
+        """Add a row: time s, velocity m/s (3, base_link axes), 1 = initialised, deviations m/s (3), NIS."""
         variance = np.maximum(np.array(m.covariance).reshape(6, 6).diagonal()[3:], 0.0)
         self._row(key, m, *m.velocity, float(m.initialised), *np.sqrt(variance), np.nan if m.nis is None else m.nis)
 
@@ -180,7 +183,7 @@ class Traces:
             self.stances += [StanceTrace(time, s.foot, s.slip, tuple(s.begin[:2])) for s in m.stances]
 
     def _gait_state(self, key: str, m: Any) -> None:
-        """Columns: time, remaining, margin of the last step check (NaN = none), steps, feet in stance, waiting."""
+        """Add a row: time s, rest to go m or rad, margin of the last step m, steps, feet in stance, 1 = waiting."""
         margin = np.nan if m.margin is None else m.margin
         waiting = float(m.state == "waiting")
         time = self._row(key, m, m.remaining, margin, m.steps, float(sum(m.stance)), waiting)
@@ -257,7 +260,7 @@ class KeptMessage(Protocol):
         ...
 
     def message(self) -> Any:
-        """Decoded message (raises Refusal if its bytes are invalid)."""
+        """Return the decoded message (raises Refusal if its bytes are invalid)."""
         ...
 
 

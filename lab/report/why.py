@@ -23,7 +23,8 @@ BEFORE_S = 4.0
 TOGETHER_S = 0.25
 """Time between the begins of two events, s, up to which they count as simultaneous: a cause and its direct effect."""
 SEVERAL = 3
-"""Least number of joints that leave their commands together from which a push is the cause, not a servo fault."""
+"""Least number of joints that leave their commands within `TOGETHER_S` after a push from which the push is the cause,
+not a servo fault."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def explain(path: Path, progress: Callable[[float], None] | None = None) -> Expl
 
 
 def _first(seen: list[Clue]) -> Clue | None:
-    """Return the earliest root; of those that begin with it the one that `ROOTS` names first causes the others."""
+    """Return the cause: the first by `ROOTS` of the roots within `TOGETHER_S` of the earliest, else the first clue."""
     pulled = _pulled(seen)
     roots = [e for e in seen if e.code in ROOTS and e not in pulled]
     if not roots:
@@ -89,7 +90,7 @@ def _first(seen: list[Clue]) -> Clue | None:
 
 
 def _pulled(seen: list[Clue]) -> list[Clue]:
-    """Return the joints that a push took off their commands: several within `TOGETHER_S` of its begin, none before."""
+    """Return the joints that a push moved off their commands: `SEVERAL` or more within `TOGETHER_S` of its begin."""
     pushed = next((e.begin for e in seen if e.code == "push"), None)
     if pushed is None:
         return []
