@@ -1,4 +1,4 @@
-"""Kinds of picture files by their ending; apart from what paints them, whose import takes a second."""
+"""File name endings of picture files; apart from the painter, since its import takes a second."""
 
 import shutil
 from pathlib import Path

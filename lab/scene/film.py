@@ -21,8 +21,8 @@ from .styles import STYLES, VALUES
 UNITS_PER_M = 10_000
 """Resolution of lengths in the data of a page, units per metre: lengths are integers in tenths of a millimetre."""
 FRAMES_HZ, MOST_FRAMES = 25.0, 2500
-"""`FRAMES_HZ`: frames per second of simulated time; `MOST_FRAMES`: largest number of frames of a film, above which they
-are further apart."""
+"""`FRAMES_HZ`: frames per second of simulated time; `MOST_FRAMES`: largest number of frames of a film; frames of
+a longer run are further apart."""
 NS = 1e-9
 SLOWEST_POSE_S = 0.1
 """Longest time between two messages of a pose topic at its nominal rate, s."""
@@ -44,7 +44,7 @@ class Undecoded(Protocol):
 
 @dataclass(frozen=True)
 class Film:
-    """Film of a run: its scene (body, ground, lasting marks) and snapshots of it in the order of time.
+    """Film of a run: its scene (body, ground, permanent marks) and snapshots of it in the order of time.
 
     Attributes:
         notes: what the snapshots lack: messages that could not be read, joints of another robot.
@@ -209,7 +209,7 @@ def frame(shown: Snapshot) -> dict[str, Any]:
 
 
 def mark(each: Lasting) -> list[Any]:
-    """Return a lasting item (footprint, landmark) as the JSON list that a page draws."""
+    """Return a permanent item (footprint, landmark) as the JSON list that a page draws."""
     return [round(each.time, 3), *encoded(each.item)]
 
 

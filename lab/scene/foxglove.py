@@ -39,12 +39,12 @@ class FoxgloveScene:
         self.again()
 
     def again(self) -> None:
-        """Make the next snapshot include the lasting items again, for a client that has just connected."""
+        """Make the next snapshot include robot, ground and permanent items again, for a client that just connected."""
         self._begun, self._marks = False, 0
         self._ground: DrawnGround | None = None
 
     def publish(self, shown: Snapshot) -> None:
-        """Publish a snapshot, with the robot, the ground and lasting marks where they are new."""
+        """Publish a snapshot, with the robot, the ground and permanent marks where they are new."""
         stamp, scene = round(shown.time * 1e9), self._scene
         if scene.epoch != self._epoch:
             self._epoch, self._marks = scene.epoch, 0
@@ -118,7 +118,7 @@ class FoxgloveScene:
         self._send("/robot", make.messages.SceneUpdate(entities=entities), stamp)
 
     def _items(self, shown: Snapshot, stamp: int) -> Any:
-        """Return the scene update with the items drawn beside the robot in a snapshot, and with new lasting items."""
+        """Return the scene update with the items drawn beside the robot in a snapshot, and with new permanent items."""
         make, extent, marks = self._make, self._scene.body.extent, self._scene.marks
         entity = {"timestamp": make.time(stamp), "frame_id": WORLD}
         entities = [make.messages.SceneEntity(id="now", **entity, **make.drawn(shown.items, extent))]

@@ -9,7 +9,7 @@ WEB = Path(__file__).with_name("web")
 LAYOUT = "lichtblick.json"
 """Name of the file with the layout for Foxglove and Lichtblick, which the pages offer."""
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'; img-src data:"
-"""Sources that a page may load from: itself, and the server it came from."""
+"""Content security policy of the pages: they may load from themselves and connect to the server they came from."""
 
 REPLAY_BAR = """<button class="play" title="space">&#9654;</button>
 <button class="back" title="one frame back">&#9664;</button><button class="on" title="one frame on">&#9654;|</button>

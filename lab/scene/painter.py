@@ -13,9 +13,10 @@ from .shapes import DrawnGround
 from .styles import STYLES, VALUES
 
 FINER = 2
-"""Factor of supersampling per axis: pictures are drawn this much larger and reduced at the end, for smooth edges."""
+"""Factor of supersampling per axis: pictures are drawn larger by it and reduced at the end, for smooth edges."""
 AZIMUTH, ELEVATION = -0.95, 0.5
-"""Azimuth and elevation of the viewing direction, rad, equal to the initial view of the pages."""
+"""`AZIMUTH`: azimuth of the viewer in world axes, rad; `ELEVATION`: elevation of the viewer, rad; both equal the
+initial view of the pages."""
 SUN = np.array([-0.42, -0.38, 0.82])
 SKY, LOW_SKY, INK, SOFT = (223, 232, 240), (247, 249, 251), (28, 39, 51), (93, 107, 120)
 SQUARE = 0.1
@@ -55,7 +56,7 @@ class Painter:
         Args:
             scene: with body, ground and marks.
             size: width and height of the pictures, pixels.
-            still: middle of the view (3,) m and its width, m; None = it follows the robot.
+            still: middle of a fixed view (3,) m, world, and its width, m; None = the view follows the robot.
         """
         self.scene, self.still = scene, still
         self.size = (FINER * size[0], FINER * size[1])

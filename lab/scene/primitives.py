@@ -16,8 +16,8 @@ from .styles import STYLES
 INSTALL = "pip install 'surefoot[foxglove]'"
 GROUND_COLOUR = "#b9bfb4"
 AROUND, APART = 8, 0.012
-"""Point clouds of the robot: `AROUND`: number of points around a limb or ball; `APART`: distance between points, as a
-share of the robot's extent."""
+"""`AROUND`: number of points on a circle around a limb or ball in the robot's point clouds; `APART`: distance between
+points along limbs and faces, as a share of the robot's extent."""
 
 
 def sdk() -> Any:

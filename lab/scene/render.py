@@ -19,7 +19,7 @@ from .painter import Painter
 
 GAP_S, MOST_GAPS = 1.0, 5
 """`GAP_S`: time without a pose, s, above which a moving picture leaves it out; `MOST_GAPS`: largest number of such gaps
-that are listed."""
+that the notes list."""
 
 
 class Shot(NamedTuple):
@@ -29,7 +29,7 @@ class Shot(NamedTuple):
         size: width and height, pixels.
         fps: frame rate of the moving picture, Hz.
         speed: simulated time per playing time.
-        start, end: part of the recording, s; end None = all.
+        start, end: part of the recording, s of simulated time; end None = until its end.
         still: True: the camera is fixed; False: it follows the robot.
         quality: of WebP, 1 to 100.
     """
@@ -87,7 +87,7 @@ def render(recording: Path, out: Path, shot: Shot, progress: Callable[[float], N
 
 
 def _times(shown: list[float], shot: Shot) -> tuple[list[float], list[tuple[float, float]]]:
-    """Return the times of the pictures, s, and begin and end of times without a pose, which have none."""
+    """Return the times of the pictures, s, and begin and end, s, of the gaps without a pose, which get no picture."""
     step, times, gaps = shot.speed / shot.fps, list[float](), list[tuple[float, float]]()
     begin = shown[0]
     for before, after in zip(shown, [*shown[1:], np.inf], strict=True):

@@ -62,7 +62,7 @@ class Item(NamedTuple):
 
 
 class Lasting(NamedTuple):
-    """Item of a scene that stays visible from a time on, s."""
+    """Item of a scene that is drawn from simulated time `time`, s, to the end."""
 
     time: float
     item: Item
@@ -132,7 +132,7 @@ class RobotScene:
         self.marks.clear()
 
     def snapshot(self) -> Snapshot | None:
-        """Return a snapshot of the scene now; None before the first joint angles, or of another robot's."""
+        """Return a snapshot of the scene now; None without joint angles, or if they are those of another robot."""
         for key, read in self._take():
             self._accept(key, read)
         truth, joints = self._latest.get("sim/truth"), self._latest.get("hw/joints")
@@ -194,7 +194,7 @@ class RobotScene:
         return np.column_stack((places, height))
 
     def _base(self, points: Array) -> tuple[Array, Array]:
-        """Return the pose of base_link in the world: true, else estimated, else level over its lowest point.
+        """Return the pose of base_link in the world: true, else estimated, else level with its lowest point at 0.
 
         Place (3,) m and rotation (3, 3); `points`: of the body in base_link, (n, 3) m.
         """
@@ -329,7 +329,7 @@ class RobotScene:
         return items
 
     def _expected(self, leg: str, foothold: Any, ground: Array) -> list[Item]:
-        """Return score and expected slip of a leg's foothold, where the service chose it."""
+        """Return a label with score and expected slip of a leg's foothold, if the foothold service chose it."""
         place, text = self._chosen.get(leg, (None, ""))
         if not text or math.dist(place[:2], foothold[:2]) > SAME_PLACE:
             return []
@@ -366,7 +366,7 @@ class RobotScene:
         return [Item("match", self._on_ground(at)), *gate]
 
     def _values(self, rot: Array, estimate: tuple[Array, Array] | None) -> dict[str, float]:
-        """Return the numbers beside the picture, of poses in the world; those without data are left out."""
+        """Return the known numbers of `VALUES` by name; `rot`: attitude, `estimate`: estimated pose of base_link."""
         found: dict[str, float | None] = {"tilt": math.degrees(math.acos(min(1.0, max(-1.0, float(rot[2, 2])))))}
         truth, velocity = self._latest.get("sim/truth"), self._latest.get("state/velocity")
         stability, gait = self._latest.get("state/stability"), self._latest.get("state/gait")

@@ -10,9 +10,10 @@ from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 
 TRUNK, LEG, SERVO, FOOT, NOSE = "#3d5a80", "#9fb3c8", "#46566a", "#2b3a4a", "#ee9b3a"
-"""Colours of the drawn parts of the robot, `#rrggbb`."""
+"""Colours of the drawn parts of the robot, `#rrggbb`; `LEG`: limbs; `SERVO`: balls at the joints; `NOSE`: arrow on the
+trunk that points forward."""
 THIN, THICK = 0.012, 0.045
-"""Smallest and largest radius of a drawn leg segment, as a share of the robot's extent."""
+"""`THIN`: smallest radius of a drawn leg segment, as a share of the robot's extent; `THICK`: largest one."""
 ROUND = 1.5
 """Ratio of longest to shortest edge of a last link's inertia box below which the link is drawn as a ball."""
 MOST_CELLS = 14_000
@@ -49,7 +50,7 @@ class Body(NamedTuple):
     Attributes:
         link: link that carries each point, (n,).
         local: place of each point in its link, (n, 3) m.
-        limbs, balls, faces: parts between the points, by their numbers.
+        limbs, balls, faces: drawn parts, which refer to the points by index.
         extent: size of the robot at its neutral posture, m.
     """
 
@@ -75,7 +76,7 @@ class DrawnGround(NamedTuple):
         return np.nan_to_num(self.heights[rows, cols])
 
     def coarse(self, most: int = MOST_CELLS) -> "DrawnGround":
-        """Return the ground with at most so many cells, each the mean of those it covers."""
+        """Return the ground with at most `most` cells, each the mean of the known cells that it covers."""
         step = max(1, int(np.ceil(np.sqrt(self.heights.size / most))))
         if step == 1:
             return self

@@ -24,7 +24,8 @@ from surefoot.services.vision.view import FloorPose, Patch, from_above
 MOST_ACTIONS, COUNT = 4, 250
 """`MOST_ACTIONS`: largest number of actions with an image shown; `COUNT`: largest number of features per image."""
 IMAGES, MOMENTS = 6, 100
-"""Number of latest images (`IMAGES`) and odometry messages (`MOMENTS`) kept until the landmarks of an image arrive."""
+"""`IMAGES`: number of latest images kept until the landmarks of an image arrive; `MOMENTS`: number of latest odometry
+messages kept for that."""
 ROUND = np.linspace(0.0, 2.0 * math.pi, 25)
 
 
@@ -43,7 +44,7 @@ class SeenImage(NamedTuple):
     reach: Array
     """Radius of the search region of each recognised landmark, (k,) m; NaN where the whole map was searched."""
     entropy: float
-    """Entropy of the believed pose, nats."""
+    """Entropy of the believed pose, nats; NaN = no belief was received."""
 
 
 @dataclass
@@ -105,7 +106,7 @@ def in_image(places: Array, sight: SeenImage) -> Array:
 
 
 def features(sight: SeenImage, pixels: NDArray[np.uint8]) -> Array:
-    """Return the features of an image (h, w), (n, 2) px; none without OpenCV."""
+    """Return the positions of the features of an image (h, w), (n, 2) px; none without OpenCV."""
     try:
         found = Extractor("orb", COUNT).find(*from_above(sight.image, pixels, sight.base, Patch()))
     except SurefootError:

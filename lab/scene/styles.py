@@ -10,9 +10,9 @@ class Style(NamedTuple):
         layer: group that a reader may hide.
         kind: line, fill (a polygon), dot (spheres), ring (circles on the ground), arrow (pairs of points), label
             (text beside a point).
-        colour: as in HTML.
-        size: width, radius or height of letters, share of the robot's extent.
-        title: legend.
+        colour: `#rrggbb`.
+        size: width of a line, radius of a dot, or height of letters, share of the robot's extent.
+        title: text in the legend.
     """
 
     layer: str
@@ -60,4 +60,4 @@ VALUES: dict[str, tuple[str, str, int]] = {
     "features": ("features of the image", "", 0),
     "matches": ("matches with the map", "", 0),
 }
-"""Numbers of a snapshot: title, unit, decimals."""
+"""Numbers shown beside a picture, by name: (title, unit, number of printed decimals)."""
