@@ -27,7 +27,7 @@ from .sightings import Sightings
 OUTLIER = 9.21
 """Squared normalised residual from which on a detection is left out of the map: 99 % quantile of chi^2 with 2 dof."""
 LOOKED_AT = 25
-"""Number of poses, evenly spread over the recording, whose covariance is computed."""
+"""Number of poses, evenly spread over the recording, whose covariance is computed to find the drift of the map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class BuiltMap:
     sd: Array
     """Standard deviation of each landmark's position along one axis if the poses were exact, (n,) m."""
     poses: Array
-    """Corrected poses of the frames, x, y (m) and heading (rad), (f, 3)."""
+    """Corrected poses of the frames in odom or map, x, y (m) and heading (rad), (f, 3)."""
     shift: float
     """Largest distance by which the fit moved a pose, m."""
     drift: float
@@ -52,14 +52,14 @@ class BuiltMap:
     bearing_rms: float
     """Root mean square of the bearing residuals, rad."""
     look_sd: float
-    """Standard deviation of the noise of each number of a descriptor, given or estimated."""
+    """Standard deviation of the noise of each element of a descriptor, stated or estimated."""
     common: Array
     """Errors that all detections share, one for each of b columns of `Sightings.bends`, the part by which all paths are
     too long, and the s errors of the detections of each frame, (b + 1 + f s,)."""
     detections: int
     """Number of detections in the recording."""
     used: int
-    """Number of detections of the landmarks that were kept."""
+    """Number of detections that the map consists of: those of kept landmarks, without outliers."""
     dropped: int
     """Number of landmarks left out because they were detected fewer than `BuildOptions.least` times."""
 
@@ -151,7 +151,7 @@ def estimated_look_noise(seen: Sightings) -> float:
 
 
 def associate(seen: Sightings, look_sd: float, options: BuildOptions) -> Index:
-    """Return the landmark number of each of m detections, (m,), in the order in which landmarks are first detected.
+    """Return the landmark index of each of m detections, (m,), in the order in which landmarks are first detected.
 
     A detection belongs to the landmark whose descriptor is equal within noise and whose place agrees by odometry; the
     tolerance grows with the distance walked since that landmark was last seen.
@@ -159,7 +159,7 @@ def associate(seen: Sightings, look_sd: float, options: BuildOptions) -> Index:
     Args:
         seen: detections and odometry.
         look_sd: noise of each element of a descriptor.
-        options: noise of sight and odometry.
+        options: noise of detections and odometry.
     """
     limit = 2.0 * look_sd * math.sqrt(2.0 * seen.looks.shape[1])
     way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(seen.poses[:, :2], axis=0).T))))
@@ -228,7 +228,7 @@ def drift_of(factor: SuperLU, frames: int) -> float:
 
     Args:
         factor: factorised normal matrix, poses first.
-        frames: number of poses; `LOOKED_AT` of them are looked at.
+        frames: number of poses; `LOOKED_AT` of them are evaluated.
     """
     largest = 0.0
     for frame in np.unique(np.linspace(0, frames - 1, LOOKED_AT).astype(np.int64)).tolist():
@@ -248,13 +248,13 @@ def _place_sd(
     places: Array,
     options: BuildOptions,
 ) -> Array:
-    """Return the standard deviation of the kept places by their detections alone, (k,) m.
+    """Return the standard deviation along one axis of the kept places by their detections alone, (k,) m.
 
     Args:
         seen: m detections.
         track: landmark of each, (m,).
         used: detections of landmarks that were kept, (m,).
-        new: number of each landmark among the k kept ones, -1 = not kept, (n,).
+        new: index of each landmark among the k kept ones, -1 = not kept, (n,).
         poses: x, y (m), heading (rad) of the frames, (f, 3).
         places: of the landmarks, (n, 2) m.
         options: noise.

@@ -1,4 +1,4 @@
-"""`surefoot map build|show|check`."""
+"""Commands `surefoot map build|merge|show|check`: landmark maps from recordings, and checks of map files."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any

@@ -44,7 +44,7 @@ class BuildOptions:
     still_rad: float = 0.0005
     """Standard deviation of odometry's heading from frame to frame while the robot stands, rad."""
     look_sd: float | None = None
-    """Standard deviation of the noise of each number of a descriptor; None = estimate it from the recording."""
+    """Standard deviation of the noise of each element of a descriptor; None = estimate it from the recording."""
     least: int = 3
     """Least number of detections of a landmark; those detected fewer times are left out of the map."""
     rounds: int = 12
@@ -161,10 +161,10 @@ def _walked(
 
     Args:
         stated: poses by odometry, x, y (m), heading (rad), (f, 3).
-        poses: as they are believed, (f, 3).
+        poses: present estimates, x, y (m), heading (rad), (f, 3).
         longer: share by which all path lengths by odometry are too long.
         options: noise.
-        scale: column of this unknown in the Jacobian.
+        scale: column of `longer` in the Jacobian.
     """
     f = len(poses)
     before, odometry = _between(poses), _between(stated)

@@ -34,13 +34,13 @@ from .turned import ALL, TILTS, FloorLook, camera_error, effects, set_right
 PER_M2 = 150.0
 """Largest density of features in a map, 1/m^2."""
 MOST_OF_IMAGE, MOST_OF_TILE = 250, 4000
-"""Largest number of features: `MOST_OF_IMAGE`: of a camera image; `MOST_OF_TILE`: of one tile of a photograph."""
+"""`MOST_OF_IMAGE`: largest number of features of a camera image; `MOST_OF_TILE`: of one tile of a photograph."""
 AHEAD, SMALLEST = np.array([[0.75, 0.0], [0.75, 0.3]]), 1e-3
-"""Camera correction: `AHEAD`: test points on the floor, heading axes of base_link, (2, 2) m; `SMALLEST`: displacement
-of them, m, above which the estimated error of the camera is corrected."""
+"""`AHEAD`: test points on the floor, heading axes of base_link, (2, 2) m; `SMALLEST`: displacement of any of them by
+the estimated error of the camera, m, above which that error is corrected."""
 TILE, OVERLAP = 1000, 60
-"""Tiles of a photograph that are searched for features, px: `TILE`: edge of a tile; `OVERLAP`: width that two
-neighbouring tiles share."""
+"""`TILE`: edge of the square tiles of a photograph that are searched for features, px; `OVERLAP`: width that two
+neighbouring tiles share, px."""
 
 
 def map_of(
@@ -53,7 +53,7 @@ def map_of(
         eye: feature extractor and floor patch that found them.
         camera: the camera in words, kept in the map.
         source: origin of the images in words, kept in the map.
-        exact: the poses are exact; else they are improved together with the places.
+        exact: True: the poses are exact; False: they are improved together with the places.
         least: number of images that a feature was seen in, at least.
         per_m2: largest density of features, 1/m^2.
 
@@ -88,7 +88,7 @@ def read_looks(path: Path, eye: Eye, source: str | None) -> tuple[list[FloorLook
         source: key of the poses; None = state/pose where it is recorded, else state/odometry.
 
     Raises:
-        SurefootError: the file cannot be read, lacks one of them or names no robot.
+        SurefootError: the file cannot be read, lacks one of these topics or names no robot.
     """
     keys = (HW_IMAGE.key, HW_JOINTS.key, STATE_ODOMETRY.key, STATE_POSE.key, SIM_TRUTH.key)
     items = [(item.key, item.message()) for item in read_recording(path, keys)]
@@ -166,13 +166,13 @@ def map_of_photograph(
 
     Args:
         path: picture file.
-        width: of what it shows, m.
+        width: of the floor that it shows, m.
         extractor: finds the features.
-        patch: its pixel, m, is the scale at which features are looked for.
+        patch: its pixel, m, is the scale at which features are detected.
         per_m2: largest density of features, 1/m^2.
 
     Raises:
-        SurefootError: the picture cannot be read, or shows nothing.
+        SurefootError: the picture cannot be read, or shows no features.
     """
     cv2 = opencv()
     data = path.read_bytes() if path.is_file() else b""
@@ -215,7 +215,7 @@ def map_of_source(source: Path, features: str, poses: str | None, width: float |
         source: recording, or picture file.
         features: kind of the features, `orb` or `sift`.
         poses: key of the poses; None = state/pose where it is recorded, else state/odometry.
-        width: of what the picture shows, m; None = the source is a recording.
+        width: of the floor that the picture shows, m; None = the source is a recording.
         least: number of images that a feature was seen in, at least.
 
     Raises:

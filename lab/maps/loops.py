@@ -1,9 +1,9 @@
 """Poses of a walk that drift, and the camera's common errors, from the features that its images show again.
 
 Features are tracked by the poses as they are; a floor that comes into view again closes the loop where many features
-agree on one motion. Poses, places, the tilt of the camera, the lean of the floor and the part by which all ways are too
-long are then found together (`.build`): the tilt moves features by T(d) = h I + d d^T / h (`.turned`), which grows with
-the square of the distance d, and a wrong way with d itself, so that one walk separates them.
+agree on one motion. Poses, places, the tilt of the camera, the lean of the floor and the part by which all paths are
+too long are then found together (`.build`): the tilt moves features by T(d) = h I + d d^T / h (`.turned`), which grows
+with the square of the distance d, and a wrong path length with d itself, so that one walk separates them.
 """
 
 import math
@@ -40,7 +40,7 @@ def sightings_of(looks: list[FloorLook], tracks: NDArray[np.int64], used: NDArra
 
     Args:
         looks: features and poses of the images of a walk, n sightings in all.
-        tracks: number of each sighting's feature, (n,).
+        tracks: index of the feature of each sighting, (n,).
         used: True for the m sightings to take, (n,) bool.
     """
     places = np.concatenate([look.places for look in looks])[used]

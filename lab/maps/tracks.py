@@ -22,22 +22,22 @@ SAME = 0.03
 LOOK = 0.85
 """Descriptor distance, as a share of the kind's matching limit, up to which a sighting belongs to a feature."""
 PASSAGES = (0.3, 2.0)
-"""Path lengths without a sighting, m, after which a feature counts as lost and seen again, in the same passage and in a
-later one: a walking camera shows a point for less than 2 m."""
+"""Path lengths without a sighting, m: above the first a feature counts as lost and, if seen again, as of the same
+passage; above the second as of a later one, since a walking camera shows a point for less than 2 m."""
 AGAIN = RecogniseParams(inlier=0.04)
 """Limits of the rigid motion that features seen again must agree on: a tilt of 1 deg moves them by 3 cm."""
 LOOSE, FIRM = (6, 0.3), (12, 0.5)
-"""Least number and share of features that agree on a motion: `LOOSE`: in general; `FIRM`: if their slack is
-more than `AMBIGUOUS`, as a repeating floor then also agrees on a wrong motion."""
+"""`LOOSE`: least number and share of features seen again that must agree on a motion; `FIRM`: the same limits if the
+tolerance of a place is above `AMBIGUOUS`, as a repeating floor then also agrees on a wrong motion."""
 AMBIGUOUS = 0.15
-"""Slack of a feature's place, m, above which a motion must satisfy `FIRM` instead of `LOOSE`."""
+"""Tolerance of a feature's place, m, above which a motion must satisfy `FIRM` instead of `LOOSE`."""
 RATIO, TURNED = 0.85, 0.3
 """`RATIO`: largest ratio of the descriptor distances of nearest and second match; `TURNED`: largest rotation of a
 motion against the heading of the pose, rad."""
 SEEN_BEFORE = 3
 """Least number of images in which a feature was seen before it can be recognised after a loss."""
 RECENT = 10
-"""Number of latest sightings whose mean is the place of a feature while poses drift."""
+"""Length, in sightings, of the running mean that is the place of a feature while poses drift."""
 
 
 @dataclass
@@ -60,7 +60,7 @@ class Tracks:
 
     @staticmethod
     def none(kind: Kind) -> "Tracks":
-        """Return a set of zero tracks for descriptors of a kind."""
+        """Return an empty set of tracks for descriptors of a kind."""
         zero, code = np.zeros(0, dtype=np.int64), nothing(kind).descriptors
         return Tracks(kind, np.zeros((0, 2)), numbers(kind, code), code, zero, zero, np.zeros(0))
 
@@ -91,7 +91,7 @@ def track(looks: list[FloorLook], kind: Kind, drift: float, later: bool = True) 
         looks: features and poses of the images of a walk, in order.
         kind: of the descriptors.
         drift: share of the distance walked by which poses drift, one standard deviation; 0 = they are exact.
-        later: features of poses that drift are recognised in later passages as well.
+        later: True: features are also recognised in later passages; False: only in the same one.
     """
     kept, total = Tracks.none(kind), 0
     ways = np.cumsum([0.0, *(math.dist(a.pose[:2], b.pose[:2]) for a, b in pairwise(looks))])
@@ -133,7 +133,7 @@ def _assigned(at: Array, look: FloorLook, found: Tracks, slack: Array, since: Ar
         look: features of the image, the n sightings.
         found: tracks so far.
         slack: largest distance of a sighting from each track, (tracks,) m.
-        since: way since each track was seen, (tracks,) m; those that were out of sight for long count only where many
+        since: path since each track was seen, (tracks,) m; those that were out of sight for long count only where many
             of the same passage agree on one motion; None = each counts.
     """
     mine = np.full(len(at), -1, dtype=np.int64)

@@ -23,9 +23,11 @@ from surefoot.errors import InvalidField
 HEIGHT = 0.45
 """Default height of a camera above the floor, m."""
 LIKELY = (*np.radians((3.0, 3.0, 1.0, 1.0, 3.0)), 0.02, 0.02)
-"""Prior standard deviations of the camera errors p, q, f, g, s, rad, and u, v, m, see the docstring of the module."""
+"""Prior standard deviations of seven errors: pitch and roll of the camera, lean of the floor about x and y of the map,
+yaw of the camera, rad, and its shift along x and y, m."""
 ALL, TILTS = 7, 4
-"""Number of camera errors that are estimated: `ALL`: with exact poses; `TILTS`: with poses that drift."""
+"""`ALL`: number of errors of camera and floor that are estimated with exact poses; `TILTS`: with poses that drift
+(pitch and roll of the camera, lean of the floor)."""
 PLACE_SD, HUBER, ROUNDS = 0.01, 0.02, 5
 """`PLACE_SD`: standard deviation of a sighting, m; `HUBER`: residual, m, above which a sighting is weighted down;
 `ROUNDS`: number of reweighted least-squares iterations."""
@@ -98,8 +100,8 @@ def camera_error(looks: list[FloorLook], tracks: NDArray[np.int64], free: int = 
 
     Args:
         looks: features and poses of the images of a walk.
-        tracks: feature of each sighting in order, (n,); sightings of one feature lie where poses hold together.
-        free: number of the seven that are looked for, the first ones; the others are 0.
+        tracks: feature of each sighting in order, (n,); the poses of the sightings of one feature must be consistent.
+        free: number of errors that are estimated, the first of the seven; the others are 0.
 
     Raises:
         InvalidField: a camera is not above the floor.
