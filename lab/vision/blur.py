@@ -90,9 +90,9 @@ class StillCamera:
 
         Args:
             at: pose x, y, yaw, m and rad.
-            ahead: speed forward, m/s.
-            turn: rate, rad/s.
-            seed: of noise.
+            ahead: forward speed of base_link, m/s.
+            turn: yaw rate of base_link, rad/s.
+            seed: of the image noise.
         """
         sensor = ImageSensor(self.optics, self.texture, seed)
         kept = sensor.path.maxlen or 2
@@ -105,7 +105,7 @@ class StillCamera:
 
 
 def still_camera(texture: Texture, exposure: float | None = None) -> StillCamera:
-    """Return the camera over a floor of a texture; `exposure`: time, s, None = that of the camera's file."""
+    """Return the camera over a floor of a texture; `exposure`: exposure time, s; default: that of its file."""
     optics = Optics.of(read_profile(CameraFile, CAMERA, "camera")[0])
     return StillCamera(optics if exposure is None else replace(optics, exposure=exposure), texture)
 
@@ -168,7 +168,7 @@ def by_speed(
     Args:
         camera: camera with its exposure.
         world: map of features.
-        motions: speeds forward, m/s, and turns, rad/s.
+        motions: pairs of forward speed, m/s, and yaw rate, rad/s.
         trials: number of images of each motion.
     """
     rng, found = np.random.default_rng(1), list[MatchCount]()

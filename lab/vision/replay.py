@@ -89,8 +89,10 @@ def images_of(
     """Yield for each tick of a walk the rendered image that arrives in it, or None.
 
     Args:
+        motion: recorded walk.
+        texture: of the floor.
         seed: of noise and delays.
-        exposure: s; None = that of the camera `nao_eyes`.
+        exposure: exposure time, s; None = that of the camera `nao_eyes`.
         faults: faults of the camera.
     """
     file = read_profile(CameraFile, "nao_eyes", "camera")[0]
@@ -155,7 +157,7 @@ class WalkReplay:
     Attributes:
         world: map of features.
         params: name of the navigation model.
-        begin: error of the pose estimate at the begin, x, y (m) and heading (rad).
+        begin: initial error of the pose estimate, estimated less true x, y (m) and heading (rad).
         change: called with tick, vision and localiser before each tick.
     """
 
