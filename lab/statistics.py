@@ -74,7 +74,7 @@ def middle_and_ends(values: ArrayLike, digits: int = 3, unit: str = "") -> str:
 
 
 def wilson(k: int, n: int) -> tuple[float, float]:
-    """Return the 95 % interval of a rate of k of n (Wilson 1927).
+    """Return the 95 % interval of a rate by k successes in n runs (Wilson 1927).
 
     (p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n),   p = k / n,   z = 1.96
     """
@@ -170,7 +170,7 @@ def resampled(groups: Sequence[Any], statistic: Callable[[Sequence[Any]], float]
 
     Args:
         groups: for example the stances of each walk.
-        statistic: figure of a selection of groups.
+        statistic: function that returns the figure of a selection of groups.
         count: of bootstrap samples; those that give NaN are left out.
     """
     rng = np.random.default_rng(0)

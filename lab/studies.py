@@ -68,10 +68,10 @@ def seeds_of(text: str) -> range:
 
 
 def finished(results: Path | None, **wanted: Any) -> list[Line]:
-    """Return the lines of a results file that have the wanted values; no file has no lines.
+    """Return the lines of a results file that have the wanted values; none if the file does not exist.
 
     Raises:
-        ConfigError: it is there and cannot be read, as a folder.
+        ConfigError: the file exists and cannot be read, for example a folder.
     """
     lines: list[Line] = []
     if results is not None and results.exists():
@@ -90,7 +90,7 @@ def finished(results: Path | None, **wanted: Any) -> list[Line]:
 
 
 def keep(results: Path | None, line: Line) -> None:
-    """Append a line to a results file, on a line of its own even if the one before is torn."""
+    """Append a line to a results file (None = nothing is kept), on a new line even if the last one is incomplete."""
     if results is not None:
         with results.open("a", encoding="utf-8") as stream:
             stream.write(f"\n{json.dumps(line)}\n")
