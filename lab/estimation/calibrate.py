@@ -21,7 +21,7 @@ from .log import Log
 from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_windows, stances, with_inflation
 
 NORMAL_95 = 1.96
-"""Half of the interval of 95 % of a normal distribution, in standard deviations."""
+"""Half width of the 95 % interval of a normal distribution, in standard deviations."""
 FEWEST_WINDOWS = 2
 """Number of time windows of a log below which no parameter is observable: their spread gives the interval."""
 WIDER = {"length": 1.6, "offset": 2.0, "mounting": 3.0, "lever": 3.0}
@@ -33,9 +33,9 @@ load."""
 NARROW = 0.4
 """Half width of a parameter's 95 % interval over that of its prior, above which the parameter is not observable."""
 ROUNDS = 5
-"""Iterations of the nonlinear least squares; the noise is estimated again before each."""
+"""Number of iterations of the nonlinear least squares; the noise is estimated again before each."""
 BIASES_FIRST = 2
-"""First iterations of the least squares, which estimate only the IMU's biases: a wrong bias looks like foot noise."""
+"""Number of first iterations that estimate only the IMU's biases, since a wrong bias looks like foot noise."""
 EPSILON = 1e-3
 """Step of the numerical derivatives, and shift allowed to a fixed unknown, both in standard deviations of its prior."""
 TINY = 1e-9
@@ -147,7 +147,7 @@ class StanceProblem:
         """Return the places R f + p of the standing feet in each window, averaged over blocks, (N, 3) m each.
 
         R and p are attitude and place of the IMU by its own samples in a frame that falls and does not turn, f is the
-        foot in IMU axes; the roll of round feet is taken off. `theta`: value of each unknown, (P,), in its unit.
+        foot in IMU axes; the rolling of round feet is subtracted. `theta`: value of each unknown, (P,), in its unit.
         """
         model, log = self._model, self.log
         path = self._integrated(model.values(theta, "gyro bias", 3), model.values(theta, "acc bias", 3))
@@ -218,7 +218,7 @@ def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int 
 
     Args:
         log: with feet; a robot and joints make links and joints parameters of their own.
-        unknowns: what to look for; None = all that the log can have.
+        unknowns: parameters to estimate; None = all that the log can have.
         windows: most windows of the log that are used.
     """
     unknowns = unknowns_of(log) if unknowns is None else unknowns
@@ -240,7 +240,7 @@ def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int 
 
 
 def alike(found: LegCalibration) -> LegCalibration:
-    """Return the calibration with one length for all legs, if the lengths of single legs agree with it."""
+    """Return the calibration with one length for all legs if those of single legs agree with it, else unchanged."""
     lengths = [one for u, one in found.pairs() if u.kind == "length"]
     if len(lengths) < 2:
         return found
@@ -285,7 +285,7 @@ def _step(problem: StanceProblem, theta: Array, at: list[Array], sd: Array, nois
     """Return the solution of the problem linearised at theta (k,), and its covariance (k, k).
 
     A longer leg also makes the noise of its foot larger, which pulls lengths to short legs; what the noise adds to the
-    scores (gradients of the log-likelihood) is taken off.
+    scores (gradients of the log-likelihood) is subtracted.
 
     Args:
         problem: windows of standing feet.

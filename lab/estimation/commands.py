@@ -106,7 +106,7 @@ def _scored(log: "Log", score_from: float | None) -> "Log":
 
 
 def _write_files(result: "Result", folder: Path, csv: bool) -> list[Path]:
-    """Write what is drawn from the estimates in `folder` there, and pack them; return the paths."""
+    """Write plots and trajectories of a result into `folder`, and pack its estimates; return the paths."""
     from .plots import draw
     from .results import pack, write_csv, write_tum
 

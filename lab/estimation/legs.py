@@ -31,7 +31,7 @@ SHOWN = {
 """Factor from SI and unit in reports by kind of unknown; kinds that are absent (biases) are estimated, not reported."""
 
 RESIZING = ("length", "zero")
-"""Kinds of unknowns on which the size of the noise of feet depends."""
+"""Kinds of unknown parameters that change the size of the noise of foot positions: leg lengths and joint zeros."""
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,7 @@ class Log:
 
     @property
     def up(self) -> Array:
-        """True specific force at rest, minus gravity, at each inertial row, (n, 3) m/s^2, IMU axes, points up."""
+        """True specific force at rest at each inertial row, (n, 3) m/s^2, IMU axes: 9.81 m/s^2 upward."""
         return self.known().up
 
     @cached_property
@@ -165,7 +165,7 @@ class Log:
         return np.lexsort((np.concatenate([np.zeros(n), np.ones(m), np.full(len(others), 2)]), key))
 
     def with_feet(self, keep: Flags | Ints) -> "Log":
-        """Return the log with some of the foot samples only; `keep` is a mask or indices, (m,)."""
+        """Return the log with some of the foot samples only; `keep` is a mask, (m,), or indices, (k,)."""
         some = {name: getattr(self, name) for name in ("touch", "force", "joints", "chance")}
         return replace(
             self, foot_ns=self.foot_ns[keep], foot_position=self.foot_position[keep], foot_rot=self.foot_rot[keep],

@@ -30,7 +30,7 @@ SENSORS: dict[str, float | int] = {
 }  # fmt: skip
 """Estimator parameters for the IMUs of both iCub humanoids; noise per sample, rad/s and m/s^2."""
 SOLE = np.array([[0.07, 0.03, 0.0], [0.07, -0.03, 0.0], [-0.04, 0.0, 0.0]])
-"""Three points of a sole in its own axes, m: inside the outline of the humanoids' soles."""
+"""Three contact points of a sole, foot axes, (3, 3) m, inside the outline of the humanoids' soles."""
 EXACT_ROWS = 7
 """Length of the window, rows, over which exact (simulated) positions are fitted to get the true velocity."""
 
@@ -84,8 +84,8 @@ def humanoid(name: str) -> Log:
 
 
 HUMANOIDS = {"icub3_gazebo_walk": (15, 16.2), "icub_real_com": (61, 0.5)}
-"""By name of a humanoid's log: window of the true velocity, rows, and time after the start from which errors are
-scored, s."""
+"""Length of the window of the true velocity, rows, and time after the start from which errors are scored, s, by name of
+a humanoid's log."""
 
 
 def _stamps(t: Array) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 The gyro turns, the accelerometer moves a frame of its own, whose axes do not turn in the world:
     R' = R [w - b_w],   p'' = R (q - b_q)
-R rotation from IMU to that frame, p place of the IMU in it, no gravity taken off; w rate of turn, q specific force, b_w
+R rotation from IMU to that frame, p place of the IMU in it, gravity not removed; w rate of turn, q specific force, b_w
 and b_q their biases. A foot f that stands at c is seen at f(t): R(t) f(t) + p(t) = c - v s - g s^2 / 2, s = time since
 the window began. Within a window (v, g, one c per stance) are free; the rest is noise of foot, creep, gyro and
 accelerometer, whose covariance is K. Rows Q^T L^-1, with K = L L^T and Q orthogonal to the free terms, leave

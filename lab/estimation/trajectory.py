@@ -48,7 +48,7 @@ def path_length(position: Array, seconds: Array) -> Array:
 
 
 def pairs_by_path(way: Array, lengths: Sequence[float] = LENGTHS_M) -> tuple[float, Pairs]:
-    """Return the first of `lengths`, m, that fits into a path, NaN if none does, and pairs of rows so far apart.
+    """Return the first of `lengths`, m, that fits into a path, NaN if none does, and pairs of rows that length apart.
 
     `way`: path length from the start to each row, (n,) m.
     """

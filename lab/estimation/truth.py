@@ -112,9 +112,9 @@ def rows_of(window_s: float, period: float) -> int:
 def slopes(values: Array, rows: int, period: float) -> Array:
     """Return the derivative of equidistant values, (n, k), by a cubic that is fitted to the rows around each.
 
-    The method is that of Savitzky and Golay; at both ends it is that of the first and of the last whole window. Own
-    lines, because the import of scipy.signal takes longer than everything else that `surefoot estimate` does with a
-    short log.
+    The method is that of Savitzky and Golay; the cubics at both ends are those of the first and last whole window.
+    scipy.signal is not used, because its import takes longer than all else that `surefoot estimate` does with a short
+    log.
 
     Args:
         values: (n, k), any unit; the derivative is in that unit per s.

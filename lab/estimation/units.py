@@ -17,8 +17,8 @@ UP_MEAN_S = 0.3
 FASTEST_GYRO = 35.0  # rad/s, 2000 deg/s: no unit of a legged robot reads more
 ENOUGH = 0.02  # rad, rms turn of gravity by the gyro within 0.3 s that a judgement of its unit needs
 QUIET_S, QUIET_SHARE = 0.5, 0.2
-"""`QUIET_S`: length of the windows in which the spread is computed, s; `QUIET_SHARE`: quantile of these spreads
-taken as the sensor noise."""
+"""`QUIET_S`: length of the windows in which standard deviations of gyro and accelerometer are computed, s;
+`QUIET_SHARE`: quantile of these over a log that counts as the noise of the sensor."""
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ passage; above the second as of a later one, since a walking camera shows a poin
 AGAIN = RecogniseParams(inlier=0.04)
 """Limits of the rigid motion that features seen again must agree on: a tilt of 1 deg moves them by 3 cm."""
 LOOSE, FIRM = (6, 0.3), (12, 0.5)
-"""`LOOSE`: least number and share of features seen again that must agree on a motion; `FIRM`: the same limits if the
-tolerance of a place is above `AMBIGUOUS`, as a repeating floor then also agrees on a wrong motion."""
+"""`LOOSE`: least number and share of features seen again that must agree on a motion; `FIRM`: those required
+instead if the tolerance of a place is above `AMBIGUOUS`, as a repeating floor then also agrees on a wrong motion."""
 AMBIGUOUS = 0.15
 """Tolerance of a feature's place, m, above which a motion must satisfy `FIRM` instead of `LOOSE`."""
 RATIO, TURNED = 0.85, 0.3
