@@ -46,9 +46,9 @@ class Passed(NamedTuple):
     good: int
     runs: int
     low: float
-    """Lower end of the 95 % interval of the rate."""
+    """Lower end of the 95 % interval of the share of good runs, 0 to 1."""
     high: float
-    """Upper end of the 95 % interval of the rate."""
+    """Upper end of the 95 % interval of the share of good runs, 0 to 1."""
 
 
 def seeds_of(text: str) -> range:

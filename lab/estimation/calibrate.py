@@ -95,7 +95,7 @@ class LegCalibration:
         return out
 
     def apply(self, log: Log | None = None) -> Log:
-        """Return a log with feet, foot stamps and mounting corrected, and without joints: they belong to stated legs.
+        """Return a log with corrected feet, foot stamps and mounting, without joints, which fit only uncorrected legs.
 
         Args:
             log: another log of the same robot; None = the log of the calibration.

@@ -150,8 +150,8 @@ class LogRunner:
     def whole(self, log: Log, part: Ints, first: int, n: int) -> LogRows:
         """Feed inputs of a log to the filter `best` in one compiled loop; return n estimates from row `first` on.
 
-        `part`: inputs in the order of arrival, (k,) indices: numbers of inertial rows, then all rows + those of foot
-        samples.
+        `part`: inputs in the order of arrival, (k,): index of an inertial row, or number of all rows + index of a foot
+        sample.
         """
         clipped = np.zeros(len(log.stamp_ns), dtype=np.bool_) if log.saturated is None else log.saturated
         inputs = LogInputs(
@@ -218,7 +218,8 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
 def _whole(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: int) -> Track:
     """Return the track of n estimates from inertial row `first` on, computed in one compiled loop.
 
-    `part`: inputs in the order of arrival, (k,): numbers of inertial rows, then all rows + those of foot samples.
+    `part`: inputs in the order of arrival, (k,): index of an inertial row, or number of all rows + index of a foot
+    sample.
     """
     rows = running.whole(log, part, first, n)
     nis = np.ascontiguousarray(rows.vectors[:, 7, 0])
@@ -235,7 +236,7 @@ def _piece(running: LogRunner, name: str, log: Log, part: Ints, first: int, n: i
     """Feed inputs in the given order, one by one; return the track over `n` inertial rows from `first` on.
 
     Its yaw is the rate of heading, rad/s, and `v_odom` the velocity in heading axes, still to be integrated. `part`:
-    inputs in the order of arrival, (k,): numbers of inertial rows, then all rows + those of foot samples.
+    inputs in the order of arrival, (k,): index of an inertial row, or number of all rows + index of a foot sample.
     """
     feet, rows = log.feet_count, len(log.stamp_ns)
     v, g, p, nis = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6, 6)), np.full(n, np.nan)

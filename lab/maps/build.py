@@ -37,7 +37,7 @@ class BuiltMap:
     world: FloorLandmarks
     """Landmarks of the map, positions in the frame of the poses (odom or map)."""
     seen: Index
-    """Number of detections of each landmark, (n,)."""
+    """Number of detections of each landmark, without outliers, (n,)."""
     sd: Array
     """Standard deviation of each landmark's position along one axis if the poses were exact, (n,) m."""
     poses: Array

@@ -41,7 +41,7 @@ UNLOADED_N, LOADED = 0.02, 0.12
 """`UNLOADED_N`: contact force, N, below which a foot counts as in the air; `LOADED`: share of the robot's weight on one
 foot above which the foot counts as standing."""
 WRONG_SWITCH_S = 0.2
-"""Least time, s, for which a foot switch contradicts the contact force before it counts as faulty."""
+"""Time, s, from which a foot switch that contradicts the contact force, or without truth the gait, counts as faulty."""
 ROOTS = ("service", "stop", "command", "imu", "joints", "contacts", "encoder", "servo", "switch", "push", "friction")
 """Values of `Clue.code` that are causes of a failure, in order of precedence; all other codes are consequences."""
 

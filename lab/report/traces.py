@@ -265,7 +265,7 @@ class KeptMessage(Protocol):
 
 
 def read_traces(kept: Iterable[KeptMessage], notes: Iterable[tuple[float, str]] = ()) -> Traces:
-    """Return the traces of a run from its messages, and marks with their simulated time in s."""
+    """Return the traces of a run from its messages; `notes`: events to add, simulated time (s) and text."""
     traces, first, refused = Traces(), dict[str, str](), Counter[str]()
     for item in kept:
         try:

@@ -80,7 +80,7 @@ def explain(path: Path, progress: Callable[[float], None] | None = None) -> Expl
 
 
 def _first(seen: list[Clue]) -> Clue | None:
-    """Return the cause: the first by `ROOTS` of the roots within `TOGETHER_S` of the earliest, else the first clue."""
+    """Return the first by `ROOTS` of the causes that begin within `TOGETHER_S` of the earliest, else the first clue."""
     pulled = _pulled(seen)
     roots = [e for e in seen if e.code in ROOTS and e not in pulled]
     if not roots:
