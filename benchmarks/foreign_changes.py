@@ -13,7 +13,7 @@ from surefoot.lab.estimation.faults import from_the_middle, turned, with_wrong_s
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.logs import ForeignLog
 from surefoot.lab.estimation.peers.inekf import InekfNoise
-from surefoot.lab.estimation.planted import PLANTED, first_altered, named
+from surefoot.lab.estimation.planted import PLANTED, altered, named
 from surefoot.lab.estimation.referees import run
 from surefoot.lab.estimation.scores import smoothed, velocity_error
 from surefoot.lab.estimation.track import Track
@@ -170,6 +170,7 @@ class Planted:
     ratio: float  # error over 0.5 s from the fault on, over that without it
     flagged: float  # s from the first altered sample until a flag is false that is true without the fault
     named: float  # s until its sensor and leg are named
+    shown_s: float  # s of altered samples until then; a switch that hangs may be right for most of a step
     wrong: bool  # another sensor was named within `AFTER_S`, which is not without the fault
     shown: bool  # a sample was altered
 
@@ -177,6 +178,11 @@ class Planted:
     def right(self) -> bool:
         """True if the faulty sensor was named within `AFTER_S` and no other was; else False."""
         return self.named <= AFTER_S and not self.wrong
+
+    @property
+    def right_when_shown(self) -> bool:
+        """True if the faulty sensor was named within `AFTER_S` of altered samples and no other was; else False."""
+        return self.shown_s <= AFTER_S and not self.wrong
 
 
 def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: float) -> Planted:
@@ -191,21 +197,26 @@ def planted(fault: str, log: Log, clean: Track, foot: int, name: str, at_s: floa
         at_s: time since the start at which the fault begins, s.
     """
     changed = PLANTED[fault](log, at_s, foot)
-    bad, since = run(name, changed), first_altered(log, changed, at_s)
+    bad, shown = run(name, changed), altered(log, changed, at_s)
     rows = (log.seconds >= at_s) & (log.seconds <= log.seconds[-1] - log.end_s)
+    since = float(log.seconds[np.argmax(shown)]) if shown.any() else float("inf")
     soon = (log.seconds >= since) & (log.seconds <= since + AFTER_S)
 
-    def until(mask: NDArray[np.bool_]) -> float:
+    def first(mask: NDArray[np.bool_], at: NDArray[np.float64]) -> float:
+        """Return the value of `at` (n,) in the first row of `mask` (n,) since the fault shows; inf: there is none."""
         later = np.flatnonzero((log.seconds >= since) & mask)
-        return float(log.seconds[later[0]]) - since if len(later) else float("inf")
+        return float(at[later[0]]) if len(later) else float("inf")
 
-    flagged = min(until(~bad.flags[flag] & clean.flags[flag]) for flag in ALARMS)
+    after = log.seconds - since
+    flagged = min(first(~bad.flags[flag] & clean.flags[flag], after) for flag in ALARMS)
     right, wrong = np.zeros((2, len(rows)), dtype=np.bool_)
     if bad.named is not None and clean.named is not None:
         right, wrong = named(fault, foot, log.feet_count, bad.named)
         wrong &= ~named(fault, foot, log.feet_count, clean.named)[1]
+    steps = np.diff(log.seconds, prepend=log.seconds[0])
+    worn = np.cumsum(np.where(shown, steps, 0.0))
     ratio = _error(log, bad, rows) / _error(log, clean, rows)
-    return Planted(ratio, flagged, until(right), bool(wrong[soon].any()), bool(np.isfinite(since)))
+    return Planted(ratio, flagged, first(right, after), first(right, worn), bool(wrong[soon].any()), bool(shown.any()))
 
 
 def _error(log: Log, found: Track, rows: NDArray[np.bool_]) -> float:

@@ -119,20 +119,26 @@ PLANTED: dict[str, Plant] = {
 """Functions (log, time, s, foot) -> log with a sensor fault from that time on, by name of the fault."""
 
 
-def first_altered(log: Log, bad: Log, at_s: float) -> float:
-    """Return the time since the start, s, of the first sample that a fault altered, at least `at_s`; inf: none.
+def altered(log: Log, bad: Log, at_s: float) -> Flags:
+    """Return flags of the rows, (n,), from `at_s` on in which a sample is in use that a fault has altered.
 
-    Before that sample nothing can show the fault: a switch that is stuck on while its foot stands is right.
+    A sample of the feet is in use until the next one. In other rows nothing can show the fault: a switch that is stuck
+    on while its foot stands is right.
+
+    Args:
+        log: log without the fault.
+        bad: log with the fault, with as many inertial rows; its end may lack samples of the feet.
+        at_s: time since the start at which the fault begins, s.
     """
     feet = min(len(log.foot_ns), len(bad.foot_ns))
-    altered = np.zeros(feet, dtype=np.bool_)
+    wrong = np.zeros(feet + 1, dtype=np.bool_)  # the last one: no sample of the feet yet
     for name in ("foot_ns", *SWITCHES, *ENCODERS):
         one, other = getattr(log, name), getattr(bad, name)
         if one is not None:
-            altered |= (one[:feet] != other[:feet]).reshape(feet, -1).any(axis=1)
-    rows = (log.stamp_ns != bad.stamp_ns) | (log.w != bad.w).any(axis=1)
-    stamps = np.concatenate([log.foot_ns[:feet][altered], log.stamp_ns[rows]])
-    return max(at_s, 1e-9 * float(stamps.min() - log.stamp_ns[0])) if stamps.size else float("inf")
+            wrong[:feet] |= (one[:feet] != other[:feet]).reshape(feet, -1).any(axis=1)
+    in_use = np.searchsorted(log.foot_ns[:feet], log.stamp_ns, side="right") - 1
+    rows = wrong[in_use] | (log.stamp_ns != bad.stamp_ns) | (log.w != bad.w).any(axis=1)
+    return rows & (log.seconds >= at_s)
 
 
 def named(fault: str, foot: int, feet: int, found: Mapping[str, Ints]) -> tuple[Flags, Flags]:

@@ -1,25 +1,27 @@
 """Every command of the cheat sheet is executed as it stands, in one folder and beside one running system."""
 
+import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from surefoot.lab.cli.main import main
 from surefoot.lab.robots.export import write_mjcf
 from surefoot.lab.runs.local import run_local
 from surefoot.robot.reader import load_robot
 from surefoot.services.supervisor.scenarios.scenario import load_scenario
 from tests.e2e.live import ROOT, environment
 from tests.ports import free_address
-from tests.processes import end_process, end_systems, start_process
+from tests.processes import end_process, end_systems, interruptible, run_process, start_process
 
 pytestmark = pytest.mark.e2e
 
@@ -35,7 +37,7 @@ ELSEWHERE = {
 """Commands that take long, or need a recording of a foreign robot, and what executes their like."""
 ENDLESS = {
     "surefoot view": 30.0, "surefoot topic echo state/velocity": 30.0, "surefoot topic top": 30.0,
-    "surefoot topic echo state/velocity --plot velocity": 5.0,
+    "surefoot topic echo state/velocity --plot velocity": 2.0,
 }  # fmt: skip
 """Commands that run until Ctrl-C, each with the longest time until it is ended, s wall: once it printed something."""
 FILES = ("surefoot doctor", "surefoot warm", *(f"surefoot {name} " for name in (
@@ -44,9 +46,8 @@ FILES = ("surefoot doctor", "surefoot warm", *(f"surefoot {name} " for name in (
 FIRST = "surefoot up ragno -d"
 LAST = tuple(f"surefoot {name}" for name in ("sim speed", "sim pause", "topic pub", "stop", "down"))
 """Beginnings of the commands after which a system takes all of the processor, halts or ends, in their order."""
-RECORDED_S = 13.0
-"""Simulated length of the recording, s: the sheet changes a run from 12.3 s on."""
-SHELL = 'surefoot() {{ "{python}" -m surefoot.lab.cli.main "$@"; }}; {command}'
+RECORDED_S = 2.5
+"""Simulated length of the recording, s: the sheet changes a run from 2.3 s on."""
 
 
 def of_files() -> list[str]:
@@ -56,17 +57,19 @@ def of_files() -> list[str]:
 def of_system() -> list[str]:
     rest = [each for each in COMMANDS if each not in (*of_files(), *ELSEWHERE, FIRST)]
     last = [each for begin in LAST for each in rest if each.startswith(begin)]
-    return [FIRST, *(each for each in rest if each not in last), *last]
+    return [*(each for each in rest if each not in last), *last]
 
 
-def run(command: str, folder: Path, variables: Mapping[str, str]) -> str:
-    """Return what is wrong with a command of the sheet, with its output; empty: nothing."""
-    words = ["bash", "-c", SHELL.format(python=sys.executable, command=command)]
-    done = subprocess.run(
-        words, cwd=folder, env=variables, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL
-    )
-    wrong = done.returncode != 0 or "Traceback" in done.stderr
-    return f"exit code {done.returncode}: {done.stdout[-400:]}{done.stderr[-400:]}" if wrong else ""
+def run(command: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """Return what is wrong with a command of the sheet, with its output; empty: nothing.
+
+    It runs in this process, which imports libraries and reads kernels once for all commands.
+    """
+    with interruptible(), pytest.raises(SystemExit) as ended:
+        main(shlex.split(command)[1:])
+    out, err = capsys.readouterr()
+    wrong = (ended.value.code or 0) != 0 or "Traceback" in err
+    return f"exit code {ended.value.code}: {out[-400:]}{err[-400:]}" if wrong else ""
 
 
 def run_for_a_while(command: str, folder: Path, variables: Mapping[str, str]) -> str:
@@ -90,31 +93,42 @@ def run_for_a_while(command: str, folder: Path, variables: Mapping[str, str]) ->
     return f"exit code {code}: {printed[-400:]}"
 
 
-@contextmanager
-def folder_of_the_sheet(folder: Path) -> Iterator[dict[str, str]]:
-    """Make a folder with the files that the sheet names, and yield the environment for its commands."""
-    write_mjcf(load_robot("lupo"), folder / "go2.xml")
+@pytest.fixture
+def variables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """The environment of the commands, set here too, in a folder with the files that the sheet names."""
+    write_mjcf(load_robot("lupo"), tmp_path / "go2.xml")
     run_local(
         replace(load_scenario("stand"), settle_s=RECORDED_S, max_duration_s=2.0 * RECORDED_S),
-        recording=folder / "run.mcap",
+        recording=tmp_path / "run.mcap",
     )
     for name in ("a.mcap", "b.mcap", "walk.mcap"):
-        shutil.copy(folder / "run.mcap", folder / name)
-    yield environment(folder, SUREFOOT_LISTEN=free_address())
+        shutil.copy(tmp_path / "run.mcap", tmp_path / name)
+    wanted = environment(tmp_path, SUREFOOT_LISTEN=free_address())
+    for name in os.environ.keys() - wanted.keys():
+        monkeypatch.delenv(name)
+    for name, value in wanted.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.chdir(tmp_path)
+    return wanted
 
 
 def test_each_command_is_of_files_or_of_a_system() -> None:
     assert set(ELSEWHERE) <= set(COMMANDS)
     assert set(ENDLESS) <= set(of_system())
-    assert sorted([*of_files(), *of_system(), *ELSEWHERE]) == sorted(COMMANDS)
+    assert sorted([FIRST, *of_files(), *of_system(), *ELSEWHERE]) == sorted(COMMANDS)
 
 
-def test_the_commands_of_the_cheat_sheet_work_as_they_stand(tmp_path: Path) -> None:
-    with folder_of_the_sheet(tmp_path) as variables:
-        wrong = {each: run(each, tmp_path, variables) for each in of_files()}
-        try:
-            for each in of_system():
-                wrong[each] = (run_for_a_while if each in ENDLESS else run)(each, tmp_path, variables)
-        finally:
-            end_systems(tmp_path / "state" / "surefoot")
+def test_the_commands_of_the_cheat_sheet_work_as_they_stand(
+    tmp_path: Path, variables: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = {each: run(each, capsys) for each in of_files()}
+    command = [sys.executable, "-m", "surefoot.lab.cli.main"]
+    try:
+        begun = run_process([*command, *shlex.split(FIRST)[1:]], cwd=tmp_path, env=variables, capture_output=True)
+        assert begun.returncode == 0, begun.stderr
+        for each in of_system():
+            endless = each in ENDLESS
+            wrong[each] = run_for_a_while(each, tmp_path, variables) if endless else run(each, capsys)
+    finally:
+        end_systems(tmp_path / "state" / "surefoot")
     assert {each: text for each, text in wrong.items() if text} == {}

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from surefoot.lab.estimation.planted import PLANTED, STEP_NS
+from surefoot.lab.estimation.planted import PLANTED, STEP_NS, altered
 from surefoot.lab.estimation.track import track
 from tests.lab.estimation.walks import noisy
 
@@ -44,6 +44,16 @@ def test_late_feet_come_after_their_time_and_inside_the_log() -> None:
     assert (np.diff(bad.foot_ns) > 0).all()
     assert bad.foot_ns[-1] <= log.stamp_ns[-1]
     assert bad.foot_ns[len(bad.foot_ns) * 3 // 4] - log.foot_ns[len(bad.foot_ns) * 3 // 4] == 50_000_000
+
+
+def test_a_switch_that_hangs_is_altered_while_its_foot_is_elsewhere() -> None:
+    log = noisy()
+    for name, value in (("switch stuck on", False), ("switch stuck off", True)):
+        rows = altered(log, PLANTED[name](log, AT, 1), AT)
+        in_use = np.searchsorted(log.foot_ns, log.stamp_ns, side="right") - 1
+        since = (in_use >= 0) & (log.foot_ns[in_use] >= log.stamp_ns[0] + round(1e9 * AT))
+        np.testing.assert_array_equal(rows, (log.contact[in_use, 1] == value) & since)
+    assert not altered(log, log, AT).any()
 
 
 def test_a_swap_twice_is_none() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from surefoot.lab.estimation.planted import PLANTED, first_altered, named
+from surefoot.lab.estimation.planted import PLANTED, altered, named
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import Track, track
 from surefoot.services.estimator.filter.layout import M, S, X
@@ -28,7 +28,7 @@ def time_of(fault: str, foot: int) -> tuple[float, bool, Track]:
     first = int(np.argmax(stands & (log.foot_ns > 1e9 * AT))) + 4
     at = 1e-9 * float(log.foot_ns[first] - log.stamp_ns[0])
     bad = PLANTED[fault](log, at, foot)
-    found, since = track("best", bad), first_altered(log, bad, at)
+    found, since = track("best", bad), float(log.seconds[np.argmax(altered(log, bad, at))])
     assert found.named is not None
     right, wrong = named(fault, foot, log.feet_count, found.named)
     later = log.seconds >= since
