@@ -1,4 +1,4 @@
-"""`surefoot bag record|play|info`."""
+"""Commands `surefoot bag record|play|info`: record the bus to an MCAP file, publish one, show its content."""
 
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +23,7 @@ from .output import (
 app = typer.Typer(help="Recordings (MCAP): record, play, show.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="MCAP file.")]
 SHOWN = 100
-"""Number of characters after which the readable list of metadata cuts an entry off; `--json` shows all."""
+"""Largest length of a metadata entry in the readable output of `bag info`, characters; the rest is cut off."""
 Keys = Annotated[list[str] | None, typer.Option("--key", "-k", help="Only this topic; may be given several times.")]
 
 

@@ -1,4 +1,4 @@
-"""Recording from the bus as an observer, and playing a recording back onto the bus."""
+"""Recording of bus messages to an MCAP file as an observer, and publishing the messages of such a file again."""
 
 import os
 import time
@@ -62,16 +62,16 @@ def play_bag(
     connect: str | None = None,
     namespace: str | None = None,
 ) -> int:
-    """Publish the messages of a recording in the order and at the distance of their stamps; return how many.
+    """Publish the messages of a recording in the order and at the intervals of their stamps; return how many.
 
     Args:
         file: MCAP file.
-        rate: speed; 0 = as fast as it goes.
-        loop: begin again at the end, until Ctrl-C.
+        rate: factor on the recorded speed; 0 = as fast as possible.
+        loop: True: begin again at the end, until Ctrl-C; False: end after the last message.
         window: seconds from the beginning of the recording, (start, end).
-        keys: only these, all when empty.
-        listen: endpoint of an own router.
-        connect: router of a running system, used instead.
+        keys: keys whose messages are published, all when empty.
+        listen: endpoint of a router that is started for the playback.
+        connect: endpoint of the router of a running system, used instead of `listen`; None = start a router.
         namespace: prefix of the keys, None = the one of the recording's robot.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Check of a simulated world before its system starts: a reset would refuse it only after all services are up."""
+"""Check of a simulated world before its services start: without it, an error shows only when all are up."""
 
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def check_world(world: "World", seed: int) -> None:
-    """Refuse a terrain that cannot be built, or sensors that are not known (raises ConfigError)."""
+    """Build the terrain of a world and look its sensors up, as a check; raise ConfigError if either is impossible."""
     from surefoot.geometry.heightmap import HeightMapError
     from surefoot.services.simulator.ground.terrain import TerrainError
     from surefoot.services.simulator.physics.perturb import find_ground

@@ -1,4 +1,4 @@
-"""`surefoot bridge foxglove` and `surefoot bridge ros2`."""
+"""Commands `surefoot bridge foxglove|ros2`: live bridges to Foxglove (WebSocket) and to ROS 2 (Zenoh)."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Checks of `surefoot doctor`. Each check is one function; a check that breaks is itself a finding."""
+"""Checks of `surefoot doctor`, one function each; a check that raises an exception is reported as failed."""
 
 import os
 import platform
@@ -102,7 +102,7 @@ def _port() -> Diagnosis:
 
 
 def _exposure() -> Diagnosis:
-    """Find systems that listen beyond loopback without asking for certificates, and who else listens there."""
+    """Check that no system listens beyond loopback without certificates; a warning lists those that do."""
     from surefoot.bus.endpoint import is_secure, to_listen
     from surefoot.services.supervisor.processes.ports import ports_of
     from surefoot.services.supervisor.processes.rundir import run_folders
@@ -121,7 +121,7 @@ def _exposure() -> Diagnosis:
 
 
 def _certificates() -> Diagnosis:
-    """Find certificates that end soon."""
+    """Check that no certificate ends within `SOON_DAYS` days; a warning lists those that do."""
     from surefoot.bus.certificates import held
     from surefoot.bus.endpoint import security_folder
 

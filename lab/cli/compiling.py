@@ -1,4 +1,4 @@
-"""Report on the terminal that kernels are being compiled, once that takes long."""
+"""Progress lines for a command that compiles numeric kernels for longer than a moment: share done, time left."""
 
 import threading
 import time
@@ -32,10 +32,10 @@ COSTS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     ),
     "train": ({"_sweep": 1.6, "inverse3": 0.6}, {"squares": 0.1, "learn": 14.5, "_run": 2.4}),
 }  # fmt: skip
-"""Kernels that a command compiles, in order, with the processor time of each on a slow core, s. Several orders: of
-`estimate` where none are kept in the cache, and where those of the services are; of `train` for planner and sarsa."""
+"""Processor time to compile each kernel on a slow core, s, by command; kernels in order of compilation. `estimate` has
+an order for an empty cache and one for a cache with the services' kernels; `train` one for planner, one for sarsa."""
 PACED_S = 4.0
-"""Usual processor time, s, of the finished kernels from which on their real time is used to scale estimates."""
+"""Usual processor time of the finished kernels, s; from it on, their measured time scales the estimates."""
 MOST = 0.95
 """Largest share of a kernel's usual time that counts as done while the kernel is still being compiled."""
 
@@ -45,7 +45,7 @@ class CompiledShare:
 
     Args:
         chains: kernels in the order in which they are compiled, with their usual processor time, s; the chain that
-            begins with the first kernel that is compiled holds, else the last.
+            begins with the first compiled kernel is used, else the last one.
         clock: returns the processor time of this process, s.
     """
 
@@ -55,7 +55,7 @@ class CompiledShare:
         self._name, self._began, self._since = "", 0.0, 0.0
 
     def began(self, name: str) -> None:
-        """Record that the compilation of a kernel begins; those before it in the chain are done, or were kept."""
+        """Record that the compilation of a kernel begins; kernels before it in the chain are done or were cached."""
         self._name, self._since = name, self._clock()
         if not self._left and self._chains:
             chain = next((each for each in self._chains if next(iter(each)) == name), self._chains[-1])
@@ -64,7 +64,7 @@ class CompiledShare:
             self._began = self._since
 
     def now(self) -> float:
-        """Return the share, 0 to 1; 0 where it is not known, as of kernels without a cost."""
+        """Return the finished share of the compilations, 0 to 1; 0 while a kernel without a known cost is compiled."""
         if self._name not in self._left:
             return 0.0
         names, cost = list(self._left), self._left[self._name]
@@ -76,10 +76,10 @@ class CompiledShare:
 
 @contextmanager
 def compilation_reported(notify: Callable[[str], None], chains: Sequence[Mapping[str, float]] = ()) -> Generator[None]:
-    """Report the compilation of kernels through `notify` in this context, from `FIRST_S` s of compiling on.
+    """Report the compilation of kernels through `notify` in this context, from `FIRST_S` seconds of compiling on.
 
-    `chains`: kernels that will be compiled, as in `COSTS`: with them lines have the share that is done and the time
-    left, else the number of kernels.
+    `chains`: kernels in order of compilation with their usual processor time, s, as in `COSTS`. With them a line has
+    the finished share and the time left, else the number of compiled kernels.
     """
     began, over = threading.Event(), threading.Event()
     share = CompiledShare(chains)

@@ -1,6 +1,6 @@
-"""Names that bash and zsh complete: of scenarios, robots, services, keys. See `surefoot --install-completion`.
+"""Candidates for shell completion (bash, zsh): names of scenarios, systems, robots, services, parameters; keys.
 
-Each function takes the beginning that was typed and returns the names that begin so.
+Each function takes the text that was typed and returns the candidates that begin with it.
 """
 
 from collections.abc import Iterable

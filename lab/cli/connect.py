@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def client(connect: str | None = None, namespace: str | None = None) -> Iterator["Client"]:
-    """Connect to a running system and yield a client: the system named, else the one here, else the default.
+    """Connect to a system (that of the arguments, else the one on this machine, else the default); yield a client.
 
     Raises:
         BusError: no system answers there.
@@ -34,7 +34,7 @@ def joined(where: str, prefix: str) -> Iterator["Client"]:
 
 
 def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[str, str]:
-    """Return (endpoint, key prefix): the given ones, else those of the system that runs here, else the defaults.
+    """Return (endpoint, key prefix): the arguments, else those of the system on this machine, else the defaults.
 
     Raises:
         ConfigError: the given text is no endpoint, or several systems run and none was named.
@@ -46,7 +46,7 @@ def endpoint(connect: str | None = None, namespace: str | None = None) -> tuple[
 
 
 def _knock(where: str) -> None:
-    """Raise an error at once if no router listens at an endpoint, instead of after Zenoh's time limit."""
+    """Raise an error at once if no router listens at the endpoint `where`, instead of after Zenoh's time limit."""
     from surefoot.errors import BusError
 
     from .running import RunningSystem

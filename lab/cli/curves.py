@@ -1,4 +1,4 @@
-"""Curves of a field over simulated time, in letters: `surefoot topic echo --plot`."""
+"""Text plot of a message field over simulated time, for `surefoot topic echo --plot`."""
 
 import math
 import string
@@ -15,7 +15,7 @@ SPAN_S = 10.0
 LABEL = 10
 """Width of the axis labels beside the plot, characters."""
 MOST = 8
-"""Largest number of curves in a plot; of a longer list only the first elements are drawn."""
+"""Largest number of curves in a text plot; of a longer list field only the first `MOST` elements are drawn."""
 
 
 class Curves:
@@ -23,7 +23,7 @@ class Curves:
 
     Args:
         field: name of the field; each number of a list is a curve of its own.
-        columns: width of the picture in letters, with the values beside it.
+        columns: width of the picture with its axis labels, characters.
     """
 
     def __init__(self, field: str, columns: int) -> None:
@@ -32,7 +32,7 @@ class Curves:
         self._kept: deque[tuple[float, tuple[float, ...]]] = deque()
 
     def add(self, message: Message) -> None:
-        """Keep the values of a message (raises InvalidField: the field has no numbers)."""
+        """Add the field's values in a message to the curves (raises InvalidField: the field holds no numbers)."""
         value = message.model_dump(mode="json", include={self.field})[self.field]
         now = message.stamp_ns * 1e-9
         if self._kept and now < self._kept[-1][0]:
@@ -47,7 +47,7 @@ class Curves:
         return bool(self._kept)
 
     def lines(self) -> list[str]:
-        """Return the picture as lines of text, with its span of time and the newest value of each curve."""
+        """Return the plot of the curves as lines of text, with its time span, s, and the newest value of each curve."""
         finite = [value for _, values in self._kept for value in values if math.isfinite(value)]
         if not finite:
             return [f"{self.field}: no value"]

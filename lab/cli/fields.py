@@ -34,18 +34,18 @@ _EXAMPLES: dict[str, dict[str, Any]] = {
     "CalibrateRequest": {"action": "status"},
     "ConfigureRequest": {"values": {"mu": "0.5"}},
 }
-"""Example field values, by request model, for requests whose fields have to fit each other or the robot."""
+"""Example field values by request model, for requests whose fields must be consistent with each other or the robot."""
 
 
 def describe(model: type[BaseModel]) -> dict[str, list[dict[str, str]]]:
-    """Return a row of each field (name, type, default, limits, meaning) of a model and its inner models, by model."""
+    """Return rows (name, type, default, limits, meaning), one per field, by name of the model or inner model."""
     schema = model.model_json_schema()
     inner = {name: found for name, found in schema.get("$defs", {}).items() if "properties" in found}
     return {name: list(_rows(found)) for name, found in {model.__name__: schema, **inner}.items()}
 
 
 def example(model: type[BaseModel]) -> dict[str, Any]:
-    """Return an example of a request as JSON values: one that Ragno's services answer, or values of the right types."""
+    """Return an example of a request as JSON values: one that the robot Ragno's services accept, else typed fillers."""
     if model.__name__ in _EXAMPLES:
         return _EXAMPLES[model.__name__]
     schema = model.model_json_schema()

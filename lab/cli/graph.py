@@ -1,4 +1,4 @@
-"""`surefoot graph`: the dataflow as the services declare it."""
+"""Command `surefoot graph`: the topics and queries between services, as text, JSON, Mermaid or DOT."""
 
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Form(StrEnum):
-    """Format of the printed graph."""
+    """Output format of `surefoot graph`: plain text, Mermaid or DOT."""
 
     TEXT = "text"
     MERMAID = "mermaid"
@@ -20,10 +20,10 @@ class Form(StrEnum):
 
 
 SIMULATOR = "simulator"
-"""Name of the service that stands for the driver in the drawn graph of services."""
+"""Name of the driver service that stands for all drivers in the graph of services."""
 MOST_SOURCES = 3
-"""Number of services above which a service that reads their topics is drawn with a single arrow, as it observes the
-whole system."""
+"""Number of sources; a service that reads topics of more services than this, and publishes none to others, gets a
+single arrow from all of them."""
 
 
 def graph(
@@ -44,7 +44,7 @@ def graph(
 
 
 def declared() -> "tuple[list[str], list[Edge]]":
-    """Return the order of the services within a tick, and the edges between them, with one driver for all drivers."""
+    """Return the service names in tick order, and the topic and query edges; the simulator stands for all drivers."""
     from surefoot.lockstep.discover import service_class, service_names
     from surefoot.lockstep.driver import Driver
     from surefoot.lockstep.graph import edges, order
@@ -58,7 +58,8 @@ def mermaid(edges: "list[Edge]") -> str:
     """Return the dataflow as a Mermaid flowchart, the figure of docs/architecture.md.
 
     Solid arrows are topics of the same tick, dotted ones topics that arrive one tick late, thick ones requests, drawn
-    from the caller to the service that answers. A service that reads nearly everything gets one arrow from all others.
+    from the caller to the service that answers. Services that read from more than
+    `MOST_SOURCES` others and publish no topic get one arrow together.
     """
     topics = [edge for edge in edges if edge.kind == "topic"]
     sources = {edge.target: {e.source for e in topics if e.target == edge.target} for edge in topics}
@@ -75,7 +76,7 @@ def mermaid(edges: "list[Edge]") -> str:
 
 
 def _arrows(edges: "list[Edge]") -> list[tuple[str, str, str, list[str]]]:
-    """Return edges between the same two services with the same arrow as one row: source, target, arrow, keys."""
+    """Group edges by source, target and arrow (dotted if one tick late); return rows (source, target, arrow, keys)."""
     found: dict[tuple[str, str, str], list[str]] = {}
     for edge in edges:
         found.setdefault((edge.source, edge.target, "-.->" if edge.delayed else "-->"), []).append(edge.key)

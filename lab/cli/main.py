@@ -1,4 +1,4 @@
-"""The command `surefoot`: verbs and nouns, one file each; a heavy library is imported by the verb that needs it."""
+"""Command line `surefoot` with its subcommands, one module each, which import heavy libraries only when they run."""
 
 import os
 import signal
@@ -91,7 +91,7 @@ def common(
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; exit code 0: ok, 1: a check failed, 2: usage error, 130: interrupted.
 
-    SIGTERM ends a command as Ctrl-C does, so that it removes what is half written.
+    SIGTERM ends a command as Ctrl-C does, so that the command removes half-written files.
     """
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, signal.default_int_handler)

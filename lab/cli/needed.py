@@ -1,4 +1,4 @@
-"""Part of a typer app that a command line needs: typer would build every option of every command of the whole app."""
+"""Reduction of a typer app to the command that was typed, so that typer does not build the options of all others."""
 
 import inspect
 import math
@@ -18,7 +18,7 @@ COMPLETING = "_SUREFOOT_COMPLETE"
 
 
 def needed(app: typer.Typer, words: Sequence[str]) -> typer.Typer:
-    """Return an app with only the command that `words` name, or with outlines of all commands if they name none.
+    """Return an app with only the command that `words` name; if they name none, all commands without their options.
 
     Shell completion and unknown words get the whole app.
     """
@@ -29,7 +29,7 @@ def needed(app: typer.Typer, words: Sequence[str]) -> typer.Typer:
 
 
 def outline(app: typer.Typer) -> typer.Typer:
-    """Return an app whose commands have a name and a help text, but no options: what the help of a group shows."""
+    """Return a copy of an app whose commands keep name and help text but no options, enough for the help of a group."""
     commands = [
         _changed(each, name=_command(each), callback=_nothing, help=each.help or inspect.getdoc(each.callback))
         for each in app.registered_commands
@@ -42,7 +42,7 @@ def outline(app: typer.Typer) -> typer.Typer:
 
 
 def _named(app: typer.Typer, name: str, rest: Sequence[str]) -> typer.Typer | None:
-    """Return an app with the command or group of this name alone; None if it has neither."""
+    """Return an app with only the command or group of this name, for the words `rest` after it; None if absent."""
     for command in app.registered_commands:
         if _command(command) == name:
             return _part(app, [_changed(command, callback=_finite(cast("Callable[..., Any]", command.callback)))])
@@ -54,7 +54,7 @@ def _named(app: typer.Typer, name: str, rest: Sequence[str]) -> typer.Typer | No
 
 
 def _finite(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command that refuses NaN and infinity in every number of its words, by the name of the option."""
+    """Return the command function with a check that refuses NaN and infinity in numeric options, naming the option."""
 
     @wraps(callback)
     def checked(**values: Any) -> Any:
@@ -71,7 +71,7 @@ def _finite(callback: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _groups(app: typer.Typer) -> Iterator[tuple[Any, str, typer.Typer]]:
-    """Yield the groups of an app, their name and content; without a name, their commands are those of the app."""
+    """Yield (group, name, its app) of each group of an app; an empty name: its commands belong to the app itself."""
     for group in app.registered_groups:
         inside = cast("typer.Typer", group.typer_instance)
         yield group, next((name for name in (group.name, inside.info.name) if isinstance(name, str)), ""), inside

@@ -1,4 +1,4 @@
-"""`surefoot node list|info`: the services of a running system, and what one reads, publishes, answers and asks."""
+"""Commands `surefoot node list|info`: services of a running system; topics and queries that a service uses."""
 
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -55,7 +55,7 @@ def info(service: ServiceName, connect: Connect = None, namespace: Namespace = N
 
 
 def _health(robot: "Client", service: str) -> "Health | None":
-    """Return the health of a service, None if it does not answer."""
+    """Return the health message of a service; None if the service does not answer."""
     from surefoot.errors import CallError
     from surefoot.schemas.system import HealthRequest
     from surefoot.schemas.topics import HEALTH_GET
@@ -67,7 +67,7 @@ def _health(robot: "Client", service: str) -> "Health | None":
 
 
 def _declared(service: str) -> dict[str, list[str]]:
-    """Return the keys that a service declares, by verb."""
+    """Return the keys that a service declares, by verb (reads, publishes, answers, asks)."""
     from surefoot.lockstep.discover import service_class
     from surefoot.lockstep.join import Delayed
 

@@ -1,4 +1,4 @@
-"""Parts that all commands share: exit codes, JSON or tables, one sentence for an error."""
+"""Output that all commands share: exit codes, JSON or tables, errors as one sentence."""
 
 import errno
 import json
@@ -21,7 +21,7 @@ USAGE = (
     "unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed", "unreadable", "not_found",
     "no_samples", "not_live", "unknown_name",
 )  # fmt: skip
-"""Error codes that the user's arguments or files cause; a command that fails with one exits with `EXIT_USAGE`."""
+"""Error codes caused by the user's arguments or files; a command that fails with one exits with `EXIT_USAGE`."""
 WRONG_PATH = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectoryError)
 """Exceptions that a wrong path given by the user causes; those of a full or read-only disk are not among them."""
 
@@ -67,7 +67,7 @@ def write(text: str) -> None:
 
 
 def notify(text: str, level: str = "info") -> None:
-    """Write one line for people, not for programs, to the error output."""
+    """Write a line for people, not for programs, to standard error, with time and level if `state.log` is True."""
     if state.log:
         from surefoot.logline import log_line
 
@@ -77,18 +77,18 @@ def notify(text: str, level: str = "info") -> None:
 
 
 def near(path: Path) -> str:
-    """Return a path as a user types it: relative where it is below the working folder, else absolute."""
+    """Return a path as text: relative if it lies below the working folder, else absolute."""
     whole = path.resolve()
     return str(whole.relative_to(Path.cwd())) if whole.is_relative_to(Path.cwd()) else str(whole)
 
 
 def refuse_existing(path: Path, *, force: bool, folder: bool = False) -> None:
-    """Refuse to overwrite a file or a non-empty folder, unless ``force``, or to write one in place of the other.
+    """Refuse to overwrite a file or non-empty folder unless `force`, or a file by a folder and the reverse.
 
     Args:
         path: file or folder that will be written.
-        force: existing content may be overwritten.
-        folder: a folder will be written, else a file.
+        force: True: existing content may be overwritten; False: it is refused.
+        folder: True: a folder will be written; False: a file.
 
     Raises:
         typer.BadParameter: the path is refused; the text names it.
@@ -102,12 +102,12 @@ def refuse_existing(path: Path, *, force: bool, folder: bool = False) -> None:
 
 
 def write_json(content: Any) -> None:
-    """Write one JSON value to the output."""
+    """Write one JSON value to the standard output."""
     write(json.dumps(content, indent=None if isinstance(content, str) else 1, default=_plain))
 
 
 def write_answer(content: Any, text: str) -> None:
-    """Write the answer of a command: JSON for programs (`use_json`), else its text."""
+    """Write the result of a command to the standard output: `content` as JSON if `use_json` was set, else `text`."""
     if state.json:
         write_json(content)
     else:
@@ -125,7 +125,10 @@ def _plain(value: Any) -> Any:
 def write_table(
     columns: Sequence[str], rows: Iterable[Sequence[Any]], title: str = "", right: Sequence[int] = ()
 ) -> None:
-    """Write a table that fits the width of the terminal (no limit in a pipe), and an empty line."""
+    """Write a table fitted to the width of the terminal (no limit in a pipe), then an empty line.
+
+    `right`: indices of the right-aligned columns.
+    """
     terminal = sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
     width = shutil.get_terminal_size((0, 0)).columns or None
     if title:
@@ -136,7 +139,7 @@ def write_table(
 
 
 def write_fields(fields: Mapping[str, Sequence[Mapping[str, str]]], title: str = "") -> None:
-    """Write the fields of a model, then those of the models inside it."""
+    """Write a table of fields for each model in `fields` (rows by model name), the outer model first."""
     for number, (model, rows) in enumerate(fields.items()):
         columns = ("field", "type", "default", "limits", "what it is")
         name = f"{title} {model}".strip() if number == 0 else model
@@ -144,7 +147,7 @@ def write_fields(fields: Mapping[str, Sequence[Mapping[str, str]]], title: str =
 
 
 def fail(error: Exception) -> int:
-    """Write an error as one sentence (or one JSON object) and return the exit code."""
+    """Write an error as one sentence (or one JSON object) and return the exit code of the command."""
     from surefoot.bus.endpoint import without_source
 
     code = str(getattr(error, "code", "") or "internal")
@@ -175,7 +178,7 @@ def fail(error: Exception) -> int:
 
 
 def misused(error: Any, *, json: bool) -> int:
-    """Report wrong words of a command line, with usage or as one JSON object; return the exit code."""
+    """Report a wrong command line, with its usage or as one JSON object; return the exit code."""
     if hasattr(cause := error.__cause__, "errors"):  # of pydantic, whose sentence leaves the value out
         error.message = f"{error.message.rstrip('.')} (got {cause.errors()[0]['input']!r})"
     if json:

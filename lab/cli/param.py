@@ -1,4 +1,4 @@
-"""`surefoot param list|get|set`: the configuration of a running service."""
+"""Commands `surefoot param list|get|set`: the configuration parameters of a running service."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -96,7 +96,7 @@ def _config(service: str, connect: str | None, namespace: str | None) -> "Config
 
 
 def _configs(connect: str | None, namespace: str | None) -> "dict[str, ConfigReply]":
-    """Return the configuration of each service that answers, by name."""
+    """Return the configuration of each running service that answers, by service name."""
     from surefoot.errors import CallError
     from surefoot.lockstep.discover import service_names
     from surefoot.schemas.system import ConfigRequest
@@ -114,7 +114,7 @@ def _configs(connect: str | None, namespace: str | None) -> "dict[str, ConfigRep
 
 
 def known_service(service: str) -> str:
-    """Return the name of a service; raise an error for a text that cannot be part of a key."""
+    """Return `service` unchanged if a service has this name; else raise an error that lists the known names."""
     from surefoot.lockstep.discover import service_names
     from surefoot.nearest import did_you_mean
 

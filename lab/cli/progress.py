@@ -14,20 +14,20 @@ FIRST_S, SECOND_S, EACH_S = 0.5, 2.0, 10.0
 """Wall time between progress lines, s: `FIRST_S`: before the first line; `SECOND_S`: from the first to the second;
 `EACH_S`: longest between further lines."""
 LEAST_SHARE = 0.01
-"""Finished share of the work from which on the remaining time is shown; below, slow first steps would distort it."""
+"""Finished share of the work, 0 to 1, from which on the remaining time is shown; below, it would be too uncertain."""
 
 
 class Progress:
-    """Reporter of the progress of long work: its name within the first second, then share done and time left.
+    """Progress lines of long work: its name within the first second, then the share done and the time left.
 
-    As a context manager it also reports while the work states no share, and on Ctrl-C what is left of the result.
+    As a context manager it also writes lines while the work reports no share, and on Ctrl-C a line with `kept`.
 
     Args:
-        what: name of the work, for the lines.
-        kept: text on what is left after Ctrl-C.
-        report: gets the lines.
+        what: name of the work, shown in the lines.
+        kept: text on what remains of the result after Ctrl-C.
+        report: called with each line.
         clock: returns the time, s.
-        reads: files and folders without which the work does not begin, so that no line on it comes before a refusal.
+        reads: files and folders that the work needs; checked here, so that an error precedes the first line.
 
     Raises:
         SurefootError: one of the files or folders is absent.
@@ -65,18 +65,18 @@ class Progress:
             self._report(f"{self._what}: interrupted{done}; {self._kept}")
 
     def at(self, share: float, step: str = "") -> None:
-        """Set the share that is done, 0 to 1, and its step in words; a line is reported when one is due."""
+        """Set the finished share of the work, 0 to 1, and the name of the present step; write a line if one is due."""
         with self._lock:
             self._share, self._step = share, step
         self._write_due()
 
     def and_on(self, share: float) -> bool:
-        """Set the finished share of the work, 0 to 1, and return True, for callers that stop at False."""
+        """Set the finished share of the work, 0 to 1; return True, for use as a callback whose False means stop."""
         self.at(share)
         return True
 
     def part(self, begin: float, end: float, step: str = "") -> Callable[[float], None]:
-        """Return a function for a part of the work, whose share 0 to 1 is `begin` to `end` of the whole."""
+        """Return a setter for a part of the work: its share 0 to 1 maps to `begin` to `end` of the whole."""
         return lambda share: self.at(begin + share * (end - begin), step)
 
     def _watch(self) -> None:

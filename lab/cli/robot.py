@@ -1,4 +1,4 @@
-"""`surefoot robot list|import|check|show|export`."""
+"""Commands `surefoot robot list|import|check|show|export`: robot folders and the files they are made from."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -135,7 +135,7 @@ def _words(worst: Mapping[str, float]) -> str:
 
 
 def _summary(robot: "Robot") -> tuple[dict[str, Any], list[tuple[str, str]]]:
-    """Return what was understood of a robot, for programs and as rows of a table."""
+    """Return the summary of a robot: a dict for JSON output, and (property, value) rows for a table."""
     import numpy as np
 
     from surefoot.robot.kinematics import com, foot_positions

@@ -8,11 +8,11 @@ import typer
 from surefoot.disk import PACKAGE
 
 INSTALL_PAPERS = "pip install ./papers"
-"""Command, in a checkout, that adds the papers to an installation without them."""
+"""Shell command that installs the optional `papers` package from a checkout of the repository."""
 
 
 def room_commands() -> Iterator[typer.Typer]:
-    """Yield the typer `app` of each `lab/*/commands.py`, then that of the papers, or a stand-in if not installed."""
+    """Yield the typer `app` of each `lab/*/commands.py`, then that of the `papers` package or a stand-in."""
     for path in sorted(PACKAGE.glob("lab/*/commands.py")):
         yield import_module(f"surefoot.lab.{path.parent.name}.commands").app
     if (PACKAGE / "papers" / "commands.py").is_file():

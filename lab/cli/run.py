@@ -1,4 +1,4 @@
-"""`surefoot run` and `surefoot list`."""
+"""Commands `surefoot run` (a scenario with all services) and `surefoot list` (scenarios, systems, robots, services)."""
 
 import os
 import shutil
@@ -149,7 +149,7 @@ def _show(outcome: "RunOutcome", *, json: bool) -> None:
 
 
 class _ProgressLine:
-    """Progress display of a run: one line that is rewritten on a terminal, and a few lines otherwise."""
+    """Progress display of a scenario run: one line that is rewritten on a terminal, a few lines in a file or pipe."""
 
     def __init__(self, name: str, *, quiet: bool) -> None:
         self._name, self._quiet, self._progress = name, quiet, None
@@ -165,20 +165,20 @@ class _ProgressLine:
             notify(f"{self._name}: interrupted before the run began; nothing was recorded")
 
     def notify(self, text: str) -> None:
-        """Show a message of the system."""
+        """Show a notice of the system, on a terminal in place of the progress line."""
         self._rewrite(text)
         if not self._rewrites and not self._quiet:
             notify(text)
 
     def show(self, progress: "RunProgress") -> None:
-        """Show the progress of the run."""
+        """Show the progress of the scenario run, on a terminal in place of the last progress line."""
         self._rewrite(f"{progress.time:.2f} s simulated of at most {progress.most:g} s, {progress.rtf:.1f}x real time")
         if not self._rewrites and not self._quiet:
             self._progress = self._progress or Progress(self._name)  # begun now: the start is no share of the run
             self._progress.at(progress.time / progress.most, f"of at most {progress.most:g} s simulated")
 
     def _rewrite(self, text: str = "") -> None:
-        """Put a text in the place of the last one, as much of it as one line holds; without a text, clear the line."""
+        """Replace the progress line by a text, cut to the width of the terminal; an empty text clears the line."""
         if self._rewrites:
             line = f"{self._name}: {text}"[: shutil.get_terminal_size().columns - 1] if text else ""
             sys.stderr.write("\r\x1b[2K" + line)

@@ -1,4 +1,4 @@
-"""Systems that run on this machine, and the choice of the one that a command is for."""
+"""Systems that run on this machine, and selection of those that a command applies to."""
 
 import os
 from typing import NamedTuple
@@ -25,13 +25,13 @@ class RunningSystem(NamedTuple):
     folder: RunFolder | None = None
 
     def unwell(self) -> dict[str, str]:
-        """Return the services that are not healthy, each with its state and the reason."""
+        """Return the services of the system that are not healthy: service name to state and reason."""
         rows = [] if self.folder is None else self.folder.read_rows()
         unwell = [row for row in rows if row.get("state") != WELL]
         return {row["service"]: f"{row['state']}{': ' + row['detail'] if row.get('detail') else ''}" for row in unwell}
 
     def ports(self) -> tuple[str, ...]:
-        """Return the endpoints that the services themselves listen on: ways to the driver without the router."""
+        """Return the Zenoh endpoints that the services listen on, by which the driver is reached without the router."""
         from surefoot.services.supervisor.processes.ports import ports_of
 
         processes = {} if self.folder is None else self.folder.processes()
@@ -40,25 +40,25 @@ class RunningSystem(NamedTuple):
 
     @property
     def robot(self) -> str | None:
-        """Robot that the system was started with, a name or a folder; None where the system runs elsewhere."""
+        """Name or folder of the robot that the system was started with; None if the system runs on another machine."""
         place = None if self.folder is None else self.folder.endpoint(orphaned=True)
         return None if place is None else place.robot or None
 
     def orphans(self) -> str:
-        """Return a hint on services that run without their supervisor; empty when there are none."""
+        """Return a hint on services on this machine that run without their supervisor; empty if there are none."""
         return next((folder.orphaned for folder in run_folders() if folder.orphans()), "")
 
 
 def systems(
     connect: str | None = None, namespace: str | None = None, system: str | None = None, *, orphaned: bool = False
 ) -> tuple[RunningSystem, ...]:
-    """Return the systems that a command is for: those that run here and fit the arguments, else the default one.
+    """Return the systems that a command applies to: those on this machine that match, else the default system.
 
     Args:
         connect: endpoint, None = SUREFOOT_CONNECT or any.
         namespace: prefix of keys, None = SUREFOOT_NAMESPACE or any.
-        system: name of a system that runs here, None = any.
-        orphaned: also systems whose services run without their supervisor.
+        system: name of a system on this machine, None = any.
+        orphaned: True: also systems whose services run without their supervisor; False: not those.
 
     Raises:
         ConfigError: the address is no endpoint, or no system of that name runs.

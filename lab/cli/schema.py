@@ -1,4 +1,4 @@
-"""`surefoot schema list|show|file|export`."""
+"""Commands `surefoot schema list|show|file|export`: JSON Schemas of bus messages and of hand-written files."""
 
 import json as jsonlib
 from pathlib import Path
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="JSON Schemas of everything on the wire, and of hand-written files.", no_args_is_help=True)
 FILES = ("robot", "scenario", "system", "imu", "camera", "depth-camera", "ranger")
-"""Kinds of hand-written files."""
+"""Kinds of hand-written files that have a JSON Schema."""
 
 
 def models() -> "dict[str, type[Wire]]":
-    """Return every model that a topic or a query carries, by name."""
+    """Return every pydantic model that a topic or a query carries, by class name."""
     from surefoot.schemas.base import ErrorReply
     from surefoot.schemas.topics import QUERIES, TOPICS
 

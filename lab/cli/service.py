@@ -1,4 +1,4 @@
-"""`surefoot service list|info|call` and the short form `surefoot call`."""
+"""Commands `surefoot service list|info|call`: queries of the services; `surefoot call` is a short form."""
 
 import json as jsonlib
 import sys
@@ -99,7 +99,7 @@ def call(
 
 
 def _save(reply: Any, out: Path) -> None:
-    """Write a reply: a height map in our own format, other raw numbers as they came, everything else as JSON."""
+    """Write a reply to a file: a height map in its own file format, other raw bytes unchanged, all else as JSON."""
     from surefoot.disk import whole
     from surefoot.geometry.heightmap import HeightMap
     from surefoot.geometry.heightmap_files import save
@@ -123,7 +123,7 @@ def _fields(text: str) -> dict[str, Any]:
 
 
 def _check(query: Any, fields: dict[str, Any]) -> None:
-    """Refuse an unknown field with the nearest known one, or a wrong value, before anything is sent."""
+    """Refuse a request with an unknown field (the error names the nearest known one) or an invalid value."""
     from surefoot.client import make_request
     from surefoot.errors import SurefootError
     from surefoot.nearest import did_you_mean

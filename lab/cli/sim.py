@@ -1,4 +1,4 @@
-"""`surefoot sim pause|resume|step|speed|push|fault|set|reset|status`: simulated time and its disturbances."""
+"""Commands `surefoot sim ...`: pause, step and pace of simulated time, pushes, faults, and resets."""
 
 from typing import Annotated, Any
 
@@ -131,7 +131,7 @@ def reset(
 def _act(
     key: str, fields: dict[str, Any], text: str, connect: str | None, namespace: str | None, *, json: bool
 ) -> None:
-    """Send a request to the simulator; exit code 1 when it is refused."""
+    """Send a request to the simulator and write `text`, or the reply as JSON; exit with code 1 if it is refused."""
     from surefoot.errors import CallError
 
     use_json(json)

@@ -1,4 +1,4 @@
-"""Emergency stop of several systems at once, each reported. Imports nothing that takes time."""
+"""Emergency stop of several systems at once, with a result for each; imports only modules that load fast."""
 
 import socket
 import sys
@@ -17,15 +17,15 @@ SIMULATOR = "simulator"
 
 
 class Stopped(NamedTuple):
-    """Result of the stop of one system.
+    """Result of the emergency stop of one system.
 
     Attributes:
-        system: its name, or its namespace where it runs elsewhere.
-        driver: the service that holds the joints, empty when none has confirmed.
-        stopped: reason of the stop in force.
-        tick: control tick in which it was in force, -1 when none has confirmed.
+        system: name of the system, or its namespace if it runs on another machine.
+        driver: name of the driver service that holds the joints; empty if no driver has confirmed.
+        stopped: reason of the stop in force; empty if no driver has confirmed.
+        tick: control tick from which on the stop was in force; -1 if no driver has confirmed.
         after_ms: wall time from the call to the confirmation, ms.
-        detail: remedy when it is not confirmed.
+        detail: problem and remedy if no driver has confirmed, else empty.
     """
 
     system: str
@@ -37,7 +37,7 @@ class Stopped(NamedTuple):
 
 
 def stop_all(systems: Sequence[RunningSystem], reason: str, timeout_s: float) -> list[Stopped]:
-    """Stop systems side by side; return the result for each.
+    """Stop systems in parallel; return the result for each, in the order of `systems`.
 
     `reason`: shown in logs and reports; `timeout_s`: longest wait for a driver's confirmation, s.
     """
@@ -57,7 +57,7 @@ def stop_all(systems: Sequence[RunningSystem], reason: str, timeout_s: float) ->
 
 
 def _stop(system: RunningSystem, reason: str, timeout_s: float, began: float) -> Stopped:
-    """Stop a system by its router; when that is gone or does not pass the stop on, by the ports of the services."""
+    """Stop a system through its router, or, if the router fails to pass the stop on, through the services' ports."""
     problem = f"no system answers at {system.connect}"
     tried = False
     for ways in ((system.connect,), system.ports()):
@@ -85,7 +85,7 @@ def _stop(system: RunningSystem, reason: str, timeout_s: float, began: float) ->
 
 
 def answers(connect: str) -> bool:
-    """Report at once whether a router listens at an endpoint; True where that cannot be found out."""
+    """Return False if a TCP or TLS endpoint accepts no connection within 2 s; True if it does, and for other kinds."""
     kind, _, place = connect.partition("/")
     host, _, port = place.rpartition(":")
     if kind not in ("tcp", "tls") or not port.isdigit():
@@ -99,7 +99,7 @@ def answers(connect: str) -> bool:
 
 
 def report(found: Sequence[Stopped], *, json: bool) -> int:
-    """Write the results of a stop; return the exit code: 0 = all confirmed, 1 = not."""
+    """Write the results of a stop; return the exit code: 0 = all systems confirmed, 1 = at least one did not."""
     if json:
         import json as jsonlib
 

@@ -1,4 +1,4 @@
-"""`surefoot up`, `down`, `status`, `logs`, `health`, `supervise`: systems as a whole."""
+"""Commands `surefoot up|down|status|logs|health|supervise`: start, stop and observe whole systems."""
 
 import json as jsonlib
 import os
@@ -185,7 +185,7 @@ def status(
 
 
 def _idle(system: str | None) -> str:
-    """Return the sentence on a system that does not run; None = none runs."""
+    """Return the sentence that the named system does not run, or, for None, that no system runs."""
     others = ", ".join(folder.name for folder in _folders(None) if folder.held()) if system is not None else ""
     return f"{Path(system or '').stem} does not run; running: {others}" if others else "nothing is running"
 
@@ -263,7 +263,7 @@ def _check_known(name: str) -> None:
 
 @contextmanager
 def _until_signal() -> Iterator[threading.Event]:
-    """Turn SIGTERM and SIGINT into an event, so that everything is stopped in order."""
+    """Yield an event that SIGTERM and SIGINT set, in place of their default action, so that services stop in order."""
     stop = threading.Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
@@ -274,7 +274,7 @@ def _until_signal() -> Iterator[threading.Event]:
 
 
 def _show_up(name: str, content: dict[str, Any], *, json: bool) -> None:
-    """Show a system that has just come up, and what can be done with it."""
+    """Show a system that has just started, and commands to use with it."""
     hints = (
         "Watch it from another shell:",
         "  surefoot view",
@@ -287,7 +287,7 @@ def _show_up(name: str, content: dict[str, Any], *, json: bool) -> None:
 
 
 def _status(folder: "RunFolder") -> dict[str, Any]:
-    """Return the content of a run folder, with live numbers where the services answer."""
+    """Return the status of the system of a run folder, with live figures of the services that answer."""
     from surefoot.errors import CallError, SurefootError
     from surefoot.schemas.status import StatusRequest
     from surefoot.schemas.system import HealthRequest
@@ -318,7 +318,7 @@ def _status(folder: "RunFolder") -> dict[str, Any]:
 
 
 def _show_status(name: str, content: dict[str, Any], hints: Sequence[str] = (), *, json: bool = False) -> None:
-    """Show a system as a table, the hints below it; or as JSON without hints."""
+    """Show the status of a system as a table with hints below, or as JSON without hints."""
     if json:
         write_json(content)
         return
@@ -348,7 +348,7 @@ def _show_status(name: str, content: dict[str, Any], hints: Sequence[str] = (), 
 
 
 def _remarks(row: dict[str, Any]) -> str:
-    """Return the remarks on a service: why it is not well, silent inputs, refusals, dropped messages."""
+    """Return remarks on a service as text: reason of ill health, silent inputs, refused and dropped messages."""
     silent = [f"{key} silent for {age:.1f} s" for key, age in row.get("late", {}).items()]
     refused = [f"{n}x {reason}" for reason, n in _refusals(row)]
     dropped = [f"{n}x {key} dropped" for key, n in row.get("dropped", {}).items()]
@@ -356,7 +356,7 @@ def _remarks(row: dict[str, Any]) -> str:
 
 
 def _refusals(row: dict[str, Any]) -> list[tuple[str, int]]:
-    """Return the refusals of a service without those of joins that came too early."""
+    """Return (reason, number) of the requests that a service refused, without those for joining too early."""
     return [(reason, n) for reason, n in row.get("refused", {}).items() if not reason.startswith("join_")]
 
 

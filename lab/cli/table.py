@@ -25,11 +25,11 @@ def table_lines(
     """Yield the lines of a table.
 
     Args:
-        columns: their names.
-        rows: their cells; a cell is any value or a `Cell`.
-        right: numbers of the columns that are aligned to the right and never wrapped.
-        width: most characters of a line; None = no limit.
-        coloured: styles are written, as a terminal understands them.
+        columns: names of the columns.
+        rows: cells of each row; a cell is any value or a `Cell`.
+        right: indices of the columns that are aligned to the right and never wrapped.
+        width: largest length of a line, characters; None = no limit.
+        coloured: True: write styles as terminal escape sequences; False: plain text.
     """
     cells = [[_cell(each, coloured) for each in row] for row in rows]
     texts = [[name, *(row[number][0] for row in cells)] for number, name in enumerate(columns)]
@@ -49,7 +49,7 @@ def _cell(value: Any, coloured: bool) -> Cell:
 
 
 def _widths(texts: Sequence[Sequence[str]], width: int | None, right: Sequence[int]) -> list[int] | None:
-    """Return the widths of columns, the widest made narrower until all fit; None if they cannot."""
+    """Return column widths, characters, the widest reduced until a line fits `width`; None if that is impossible."""
     widths = [max(len(line) for text in column for line in (text, *text.splitlines())) for column in texts]
     if width is None:
         return widths
@@ -64,7 +64,7 @@ def _widths(texts: Sequence[Sequence[str]], width: int | None, right: Sequence[i
 
 
 def _least(column: Sequence[str], *, wrapped: bool) -> int:
-    """Return the least width, characters, of a column (its name, then its cells); unwrapped: of the longest cell."""
+    """Return the least width of a column (name, then cells), characters: its longest word, or cell if not wrapped."""
     name, *cells = column
     longest = max((len(text) for text in cells), default=0)
     words = max((len(word) for text in (column if wrapped else [name]) for word in text.split()), default=0)
@@ -72,7 +72,7 @@ def _least(column: Sequence[str], *, wrapped: bool) -> int:
 
 
 def _row(cells: Sequence[Cell], widths: Sequence[int], right: Sequence[int]) -> Iterator[str]:
-    """Yield the text lines of one table row, whose cells are wrapped to the column widths."""
+    """Yield the text lines of a table row: cells wrapped to `widths`, columns of the indices `right` right-aligned."""
     wrapped = [_folded(text, width) for (text, _), width in zip(cells, widths, strict=True)]
     for number in range(max(len(lines) for lines in wrapped)):
         shown: list[str] = []
@@ -84,7 +84,7 @@ def _row(cells: Sequence[Cell], widths: Sequence[int], right: Sequence[int]) -> 
 
 
 def _blocks(columns: Sequence[str], rows: Sequence[Sequence[Cell]], width: int | None) -> Iterator[str]:
-    """Yield the lines of rows one below the other; an empty cell has none."""
+    """Yield each row as a block of `name: value` lines, one per non-empty cell, blocks separated by an empty line."""
     for number, row in enumerate(rows):
         if number:
             yield ""
@@ -95,7 +95,7 @@ def _blocks(columns: Sequence[str], rows: Sequence[Sequence[Cell]], width: int |
 
 
 def _folded(text: str, width: int | None, indent: str = "") -> list[str]:
-    """Return a text as lines that break between words; a word too long for a line stays whole, to be copied."""
+    """Return a text as lines of at most `width` characters, broken between words; longer words stay whole."""
     lines = text.splitlines() or [""]
     if width is None:
         return lines

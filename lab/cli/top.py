@@ -1,4 +1,4 @@
-"""`surefoot topic top`: traffic of a running system, latency from tick to topic, and the support polygon in letters."""
+"""Data of `surefoot topic top`: rate, size and latency of topics, and the support polygon as text."""
 
 import threading
 import time
@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     from surefoot.schemas.stability import StabilityStatus
 
 KEPT = 4096
-"""Largest number of messages of a topic that are kept for its statistics; the oldest are dropped."""
+"""Largest number of messages per topic kept for statistics; the oldest are dropped."""
 TICKS = 512
-"""Number of latest control ticks of which the arrival of the first message is kept."""
+"""Number of latest control ticks for which the arrival time of the first message is kept."""
 COLUMNS, LINES = 41, 13
 """Size of the support polygon picture, characters: `COLUMNS` across, `LINES` down."""
 LEAST_M = 0.05
-"""Smallest half extent of the area that the support polygon picture shows, m."""
+"""Smallest half extent of the area shown by the text picture of the support polygon, along x and y, m."""
 
 
 class TopicTraffic(NamedTuple):
-    """Message rate, size and latency of a topic within the time window."""
+    """Message rate, size and latency of a topic over the window of wall time that was asked for."""
 
     key: str
     hz: float
@@ -38,7 +38,7 @@ class TopicTraffic(NamedTuple):
 
 
 class Traffic:
-    """Arrivals of the last seconds, by topic; `note` may be called from any thread."""
+    """Arrival times and sizes of recent messages, by topic; `note` may be called from any thread."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._lock = clock, threading.Lock()
@@ -48,7 +48,7 @@ class Traffic:
         self.stability: StabilityStatus | None = None
 
     def note(self, delivery: "Delivery") -> None:
-        """Count a message, and measure how long after the first one of its tick it came."""
+        """Record the size of a message and its delay after the first message of its tick."""
         if delivery.prime:
             return
         now, header, raw = self._clock(), delivery.header(), delivery.raw()
@@ -62,7 +62,7 @@ class Traffic:
                 self.stability = delivery.message()  # pyright: ignore[reportAttributeAccessIssue]
 
     def rows(self, window_s: float) -> list[TopicTraffic]:
-        """Return the topics of the last ``window_s``, those with most bytes first."""
+        """Return the traffic of topics over the last `window_s` s of wall time, largest data rate first."""
         now = self._clock()
         span = max(1e-3, min(window_s, now - self._began))
         with self._lock:
@@ -88,7 +88,7 @@ def watch(robot: "Client", traffic: Traffic) -> None:
 
 
 def polygon_lines(status: "StabilityStatus | None") -> list[str]:
-    """Return text lines that draw the support region from above, x up, y left, and the CoM: o planned, x measured."""
+    """Return a text picture of the support region from above (x up, y left) and the CoM (o planned, x measured)."""
     if status is None or not status.region:
         return ["no support region" + (f": {status.status}" if status is not None else " yet")]
     points = [tuple(corner) for corner in status.region]
@@ -110,7 +110,7 @@ def polygon_lines(status: "StabilityStatus | None") -> list[str]:
 
 
 def _place(row: int, column: int, half_x: float, half_y: float) -> tuple[float, float]:
-    """Return the point (x, y), m, that the character at a row and a column of the picture covers."""
+    """Return the point (x, y), m, at a row and column of a picture of half extents `half_x`, `half_y`, m."""
     return half_x * (1.0 - 2.0 * row / (LINES - 1)), half_y * (1.0 - 2.0 * column / (COLUMNS - 1))
 
 

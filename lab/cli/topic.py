@@ -1,4 +1,4 @@
-"""`surefoot topic list|info|echo|pub|hz|top`."""
+"""Commands `surefoot topic list|info|echo|pub|hz|top`: topics of the bus and their messages."""
 
 import json as jsonlib
 import shutil
@@ -43,7 +43,7 @@ REDRAWN_S = 0.2
 """Wall time between two redraws of a plot in the terminal, s."""
 HEADER = ("stamp_ns", "tick", "epoch", "seq", "source")
 SHOWN, LONGEST = 24, 200
-"""Limits of a readable line: `SHOWN`: elements of a list, `LONGEST`: characters of a text; the rest is cut off."""
+"""`SHOWN`: largest number of list elements, `LONGEST`: of text characters, in a readable line; the rest is cut off."""
 
 app = typer.Typer(help="Topics: list, show, echo, publish, measure.", no_args_is_help=True)
 Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.", autocompletion=topics)]
@@ -129,7 +129,7 @@ def echo(
 
 
 def _check_plot(topic: "Topic[Any]", name: str) -> None:
-    """Refuse to draw a field that holds no numbers; the text names those that do."""
+    """Raise an error if the field `name` of a topic holds no numbers to plot; the error names the fields that do."""
     from .curves import has_numbers
 
     drawn = [each for each, about in topic.model.model_fields.items() if has_numbers(about.annotation)]
@@ -139,12 +139,12 @@ def _check_plot(topic: "Topic[Any]", name: str) -> None:
 
 
 def _printer(fields: set[str] | None, *, as_json: bool) -> "Callable[[Message], None]":
-    """Return the function that prints a message as a line."""
+    """Return a function that prints a message as one line, of these fields (None = all), readable or as JSON."""
     return lambda message: write(message.model_dump_json(include=fields) if as_json else readable(message, fields))
 
 
 class _Plotter:
-    """Draws the curves of a field, on a terminal while they grow."""
+    """Plot of a message field in text: redrawn with new messages on a terminal, else written once at the end."""
 
     def __init__(self, field: str) -> None:
         from .curves import Curves
@@ -158,7 +158,7 @@ class _Plotter:
             self.draw()
 
     def draw(self) -> None:
-        """Write the picture; on a terminal it replaces the one before."""
+        """Write the plot; on a terminal it replaces the previous one."""
         write(CLEAR * sys.stdout.isatty() + "\n".join(self.curves.lines()))
 
 
@@ -286,7 +286,7 @@ def _show_top(rows: "Sequence[TopicTraffic]", polygon: "Sequence[str]", robot: "
 
 
 def _deliveries(robot: "Client", topic: "Topic[Any]", timeout_s: float) -> "Any":
-    """Yield messages, ending when none comes for `timeout_s` (0 = never)."""
+    """Yield the messages of a topic; end when none arrives for `timeout_s` s of wall time (0 = never)."""
     queue: SimpleQueue[Delivery] = SimpleQueue()
     robot.bus.subscribe(topic, queue.put)
     last = time.monotonic()
@@ -312,7 +312,7 @@ def _deliveries(robot: "Client", topic: "Topic[Any]", timeout_s: float) -> "Any"
 
 
 def readable(message: "Message", fields: set[str] | None = None) -> str:
-    """Return a message as one line: simulated time and tick, then its fields; numbers with four digits."""
+    """Return a message as one line: simulated time and tick, then fields (None = all); numbers with four digits."""
     content = message.model_dump(mode="json", include=fields)
     shown = [f"{name}={_text(value)}" for name, value in content.items() if name not in HEADER]
     return f"t={message.stamp_ns * 1e-9:.3f} s, tick {message.tick}: {', '.join(shown)}"
@@ -333,13 +333,13 @@ def _text(value: Any) -> str:
 
 
 def _why(robot: "Client") -> str:
-    """Return the reason, seen from simulated time, why no message comes."""
+    """Return the reason why no message arrives, from the state of simulated time (e.g. paused), as text."""
     still = robot.standing_still()
     return f": {still}" if still else ""
 
 
 def _latched(robot: "Client", topic: "Topic[Any]") -> "Delivery | None":
-    """Return the present message of a latched topic, requested from its owner; None if the owner has no such query."""
+    """Return the latest message of a latched topic, by a query to its owner; None if the owner has no such query."""
     from surefoot.bus.interface import Delivery
     from surefoot.errors import CallError
     from surefoot.schemas.topics import QUERIES, Kind

@@ -34,7 +34,7 @@ def view(
 
 
 def view_system(shown: ShownSystem, port: int | None = None, duration_s: float = 0.0) -> None:
-    """Serve the page of a system in the browser until Ctrl-C, or for `duration_s` s; 0 = no end."""
+    """Serve the live page of a running system until Ctrl-C, or for `duration_s` s of wall time; 0 = no limit."""
     from ..view.live import LiveFrames
     from ..view.page import live_page
     from ..view.server import ViewServer
@@ -54,7 +54,7 @@ def view_system(shown: ShownSystem, port: int | None = None, duration_s: float =
 
 
 def _view_recording(file: Path, port: int | None, duration_s: float) -> None:
-    """Serve the report of a recording; the port is taken first, since the report needs up to a minute."""
+    """Serve the report of a recording in the browser; the port is bound before the report is made (up to a minute)."""
     from ..view.server import ViewServer
 
     server = ViewServer("", None, port, remark)
@@ -67,7 +67,7 @@ def _view_recording(file: Path, port: int | None, duration_s: float) -> None:
 
 
 def _recorded(file: Path) -> str:
-    """Return the report of a recording, whose replay is the view of it."""
+    """Return the HTML report of a recording, which contains the replay."""
     from tempfile import TemporaryDirectory
 
     from ..report.recorded import report_recording

@@ -32,7 +32,7 @@ START_S = 900
 KNOCK_S = 0.2
 """Wall time between two checks of whether a system answers, s."""
 SSH_WORDS = 4
-"""Number of words in SSH_CONNECTION: address and port of the client, then of this machine."""
+"""Number of words in the variable SSH_CONNECTION of a session: address and port of the client, then of this machine."""
 
 
 class ShownSystem(NamedTuple):
@@ -45,7 +45,7 @@ class ShownSystem(NamedTuple):
 
 @contextmanager
 def seen(connect: str | None, namespace: str | None, robot: str | None, wait_s: float = 0.0) -> Iterator[ShownSystem]:
-    """Connect to a running system, as soon as it answers, and yield it with a client and its robot.
+    """Connect to a running system as soon as it answers; yield its address, a client and its robot.
 
     Args:
         connect: endpoint of its router; None = the system that runs here.
@@ -72,7 +72,7 @@ def seen(connect: str | None, namespace: str | None, robot: str | None, wait_s: 
 
 
 def show_place(name: str, url: str, port: int, more: Mapping[str, str]) -> None:
-    """Write the address of a view, and in an SSH session the command of a tunnel to it."""
+    """Write the address of a browser view, and in an SSH session the command of a tunnel to its port."""
     hint = tunnel(port, os.environ)
     if state.json:
         write_json({"url": url, "tunnel": hint, **more})
@@ -92,14 +92,14 @@ def tunnel(port: int, environ: Mapping[str, str]) -> str:
 
 
 def until(duration_s: float) -> None:
-    """Wait for Ctrl-C, or for `duration_s` s of wall time; 0 = no end."""
+    """Wait for Ctrl-C, or for `duration_s` s of wall time; 0 = no time limit."""
     end = time.monotonic() + duration_s if duration_s > 0.0 else float("inf")
     while (left := end - time.monotonic()) > 0.0:
         time.sleep(min(0.5, left))
 
 
 def remark(text: str) -> None:
-    """Write one line for people, not for programs, to the error output."""
+    """Write a line for people, not for programs, to standard error."""
     notify(f"surefoot: {text}")
 
 
@@ -110,8 +110,8 @@ def viewer(connect: str, namespace: str, robot: str, *, wanted: bool) -> Iterato
     Args:
         connect: endpoint of the router, which need not be there yet.
         namespace: prefix of the keys.
-        robot: name or folder.
-        wanted: False = do nothing.
+        robot: name or folder of the robot.
+        wanted: True: start the process; False: do nothing.
     """
     if not wanted:
         yield

@@ -1,7 +1,7 @@
-"""Compiling the numeric kernels of a system ahead of time, once per installation and version.
+"""Compile the numeric kernels of a system ahead of time, once per installation and version.
 
-Each service rehearses, by which it calls every kernel that it uses: see `surefoot.lockstep.service`. So nothing is
-compiled that the robot and its services do not use.
+Each service rehearses: it calls every kernel that it uses (see `surefoot.lockstep.service`), so that only kernels
+used by the robot and its services are compiled.
 """
 
 import hashlib
@@ -32,13 +32,13 @@ from .progress import Progress
 
 DEFAULT_SYSTEM = "ragno"
 BROUGHT = PACKAGE / "kernels" / "brought.txt"
-"""File with the names of the jobs whose kernels came with a compiled wheel, separated by white space."""
+"""File with the names of compilation jobs whose kernels were installed with the wheel, separated by white space."""
 ORDER = ("estimator", "stability", "walker", "footholds", "simulator")
-"""Services in order of compilation, the longest first; one process compiles stability and walker, which share code."""
+"""Services in order of compilation, others last; one process compiles stability and walker, which share code."""
 
 COSTS_S = {"estimator": 36.0, "stability": 61.0, "walker": 17.0, "footholds": 15.0, "simulator": 6.0, "navigator": 37.0}
 OTHER_S = 10.0
-"""Processor time to compile the kernels of a service on a slow core, s: `OTHER_S`: for services not in `COSTS_S`."""
+"""Processor time to compile the kernels of a service that is absent from `COSTS_S`, on a slow core, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,29 +52,29 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Name of the job, unique for the sources, the versions of numba and Python, and the processor."""
+        """Name of the compilation job, unique for sources, versions of numba and Python, processor, service, robot."""
         robot = hashlib.sha256(self.robot.encode()).hexdigest()[:12]
         return f"{signature()}-{self.service.replace(' ', '+')}-{robot}{'-rare' * self.rare}"
 
     @property
     def stamp(self) -> Path:
-        """File that marks the job as done in this installation: a line for each file of kernels, path and hash."""
+        """File that marks the compilation job as done in this installation: a line (path, hash) per kernel file."""
         return _stamps() / hashlib.sha256(str(PACKAGE).encode()).hexdigest()[:12] / self.name
 
 
 @dataclass(frozen=True, slots=True)
 class Warmed:
-    """Kernels that a service uses, and the effort to compile them."""
+    """Result of a compilation job: kernels that a service uses, and the effort to compile them."""
 
     service: str
     robot: str
     kernels: int
-    """Number of compiled functions that Python calls; each holds the code of all functions that it calls itself."""
+    """Number of compiled functions that Python calls directly; each includes the code of the functions it calls."""
     compiled: int
-    """Number of functions that were compiled as they were not in the cache, with those that kernels and numba call."""
+    """Number of functions compiled because the cache lacked them, including those that kernels and numba call."""
     seconds: float
     files: dict[str, str] = field(default_factory=dict[str, str], repr=False)
-    """Files that keep the kernels, each with the hash of the sources that it holds."""
+    """Path of each kernel cache file, to a hash of the sources that it was compiled from."""
 
     def row(self) -> dict[str, Any]:
         """Return the result as a row of the table that `surefoot warm` prints."""
@@ -82,7 +82,9 @@ class Warmed:
 
 
 def jobs_of(systems: Iterable[Compose], rare: bool = False) -> tuple[Job, ...]:
-    """Return the compilation jobs of these systems, one for each service with kernels and its robot, the longest first.
+    """Return the compilation jobs of systems, one per service with kernels and robot, in the order of `ORDER`.
+
+    `rare`: True: also kernels that only rare queries need; False: only those of regular operation.
 
     Raises:
         RobotError: a system names a robot that is not there.
@@ -103,18 +105,18 @@ def jobs_of(systems: Iterable[Compose], rare: bool = False) -> tuple[Job, ...]:
 
 
 def systems_of(named: Iterable[str]) -> list[Compose]:
-    """Return systems by name or path (raises ComposeError)."""
+    """Return the systems of these names or compose file paths (raises ComposeError: a file is absent or invalid)."""
     return [load_compose(find("compose", name, ".yaml", ComposeError)) for name in named]
 
 
 def all_systems() -> list[Compose]:
-    """Return every system of the installation."""
+    """Return every system (compose file) of the installation."""
     return systems_of(names("compose", ".yaml"))
 
 
 @cache
 def signature() -> str:
-    """Return a hash of everything compiled code depends on: sources, Python, numba, processor."""
+    """Return a hash of all that compiled code depends on: sources, versions of Python and numba, processor."""
     from importlib.metadata import version
 
     digest = hashlib.sha256(f"{sys.implementation.cache_tag}|{version('numba')}|{processor()}".encode())
@@ -135,14 +137,14 @@ def is_cold(jobs: Iterable[Job]) -> bool:
 
 
 def _either(job: Job) -> tuple[Job, Job]:
-    """Return the job itself, and its variant with rare kernels, which includes all kernels of the job."""
+    """Return the job itself and its variant with `rare` kernels, whose kernels include all of the job."""
     return job, replace(job, rare=True)
 
 
 def _holds(stamp: Path) -> bool:
     """Return True if a job was done and its kernel files are still there and unchanged, else False.
 
-    They may stand beside the sources, which can be removed, or be compiled again from others, while the stamp stays.
+    The files can be removed or compiled again from other sources while the stamp file of the job remains.
     """
     lines = _lines(stamp)
     try:
@@ -162,7 +164,7 @@ def _lines(stamp: Path) -> list[str] | None:
 
 
 def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], None]) -> None:
-    """Compile the kernels of a system unless this was done before; `notify` gets messages on it.
+    """Compile the kernels of a system unless they are in the cache; `notify` is called with progress lines.
 
     Raises:
         BusError: the endpoint to listen on is taken, which is checked before the work.
@@ -183,10 +185,10 @@ def warm_if_cold(system: Compose, listen: str | None, notify: Callable[[str], No
 
 
 def warm(jobs: tuple[Job, ...], notify: Callable[[str], None] = lambda text: None) -> list[Warmed]:
-    """Compile the kernels of services in parallel, and return the result of each job.
+    """Compile the kernels of jobs in parallel processes, and return the result of each job.
 
-    A service rehearses: it calls each of its kernels once. A process takes one service after the other, so that what
-    numba compiles for itself is compiled once per process. Jobs of one service with several robots run one by one.
+    A service rehearses: it calls each of its kernels once. A process takes several services in turn, so that numba
+    compiles its own helpers once per process. Jobs of one service with several robots run one by one.
     """
     progress = _WarmProgress(jobs, notify)
     found: list[Warmed] = []
@@ -226,7 +228,7 @@ def _mark(done: dict[Job, list[str]], notify: Callable[[str], None]) -> None:
 
 
 def _turns(jobs: Iterable[Job]) -> list[list[Job]]:
-    """Split jobs into groups in each of which no service occurs twice, and return the groups."""
+    """Split jobs into groups, to be run one by one, so that no service occurs twice in a group; return the groups."""
     turns: list[list[Job]] = []
     for job in jobs:
         turn = next((turn for turn in turns if all(job.service != other.service for other in turn)), None)
@@ -238,7 +240,7 @@ def _turns(jobs: Iterable[Job]) -> list[list[Job]]:
 
 
 class _WarmProgress(Progress):
-    """Reports share and time left by the processor time of the workers, and each service that is done."""
+    """Progress lines of a compilation: finished share and time left from processor time, and each finished service."""
 
     def __init__(self, jobs: Iterable[Job], notify: Callable[[str], None]) -> None:
         super().__init__("compiling numeric kernels", "kernels that are done are kept", notify)
@@ -248,11 +250,11 @@ class _WarmProgress(Progress):
         notify(f"compiling numeric kernels: {count} services, takes half a minute or more, only this once")
 
     def begins(self, pid: int, job: Job) -> None:
-        """Record the job that a worker takes."""
+        """Record that the worker process `pid` takes a job."""
         self._running[pid] = job, busy_s([pid])
 
     def another(self, pid: int, job: Job) -> None:
-        """Count one more service whose kernels are compiled."""
+        """Record that the worker process `pid` finished a job, and report the number of finished jobs."""
         with self._lock:
             del self._running[pid]
             self._done.append(job)
@@ -274,7 +276,7 @@ def _cost_s(job: Job) -> float:
 
 
 class _Worker(NamedTuple):
-    """Worker process that compiles kernels of services."""
+    """Worker process that compiles kernels of services: its process id, and a function that runs a job in it."""
 
     pid: int
     ask: Callable[[Job], Warmed]
@@ -282,7 +284,7 @@ class _Worker(NamedTuple):
 
 @contextmanager
 def _worker() -> Iterator[_Worker]:
-    """Compile in a process of its own: compilers are neither thread-safe nor small."""
+    """Yield a worker process that compiles kernels; compilers are neither thread-safe nor small."""
     command = [sys.executable, "-m", "surefoot.lab.cli.warming"]
     with (
         TemporaryFile("w+") as errors,
