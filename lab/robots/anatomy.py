@@ -1,4 +1,4 @@
-"""Trunk, links with merged inertia and feet of a compiled MuJoCo model."""
+"""Trunk, links (with fixed bodies merged) and feet, found in a compiled MuJoCo model of a robot."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -13,16 +13,16 @@ from surefoot.arrays import Array
 from surefoot.robot.description import RobotError
 
 FOOT_NAMES = re.compile(r"foot|feet|toe|sole|_ee|contact|ankle", re.IGNORECASE)
-"""Pattern that the names of bodies, geoms and sites of feet contain."""
+"""Pattern by which the name of a body, geom or site is recognised as that of a foot."""
 SAME_M = 1e-4
-"""Distance between two spheres of a foot, m, up to which they count as one."""
+"""Distance between the centres of two spheres of a foot, m, up to which they count as one sphere."""
 ASSUMED_RADIUS = 0.02  # m, of a foot without a sphere: that of a dog-sized robot
 NO_MASS = 1e-9  # kg, what weighs less is nothing
 
 
 @dataclass
 class Segment:
-    """Moving body of a robot, merged with bodies fixed to it; frame: the body's axes, origin on the joint's axis."""
+    """Moving body of a robot, merged with bodies fixed to it; frame: the body's axes, origin on its joint's axis."""
 
     body: int
     joint: int  # -1 for the trunk
@@ -36,14 +36,14 @@ class Segment:
 
 
 class FileMark(NamedTuple):
-    """Reference to a point of the compiled file: place of a body or site, centre of a geom, or end of its long axis."""
+    """Reference to a point of a compiled model: origin of a body or site, centre of a geom, or end of a capsule."""
 
     kind: str  # body, site or geom
     number: int
     end: int = 0  # -1, 1 = end of a capsule against or along its axis
 
     def place(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Return the position of the point in the world, (3,) m."""
+        """Return the position of the referenced point at the state `data`, (3,) m, world frame."""
         at = {"body": data.xpos, "site": data.site_xpos, "geom": data.geom_xpos}[self.kind][self.number]
         if self.end == 0:
             return at.copy()
@@ -53,7 +53,7 @@ class FileMark(NamedTuple):
 
 @dataclass
 class FootPoint:
-    """Foot of a limb: a contact sphere, or the spheres of a sole."""
+    """Foot of a limb: a single contact sphere, or a sole made of several spheres."""
 
     segment: int
     position: Array  # (3,) m, segment frame
@@ -66,7 +66,7 @@ class FootPoint:
 
 
 def trunk_body(model: mujoco.MjModel) -> int:
-    """Return the index of the body with the free joint, else of the only root that carries joints.
+    """Return the index of the trunk: the body with the free joint, else the only root body that carries joints.
 
     Raises:
         RobotError: there are several such bodies, or none.
@@ -82,7 +82,7 @@ def trunk_body(model: mujoco.MjModel) -> int:
 
 
 def check_machine(model: mujoco.MjModel) -> None:
-    """Refuse a model that is no tree of hinges (raises RobotError); first hinges of two limbs may share a motor."""
+    """Raise RobotError for a model that is no tree of hinges; the first hinges of two limbs may share a motor."""
     for i in range(model.neq):
         equal = model.eq_type[i] == int(mujoco.mjtEq.mjEQ_JOINT) and model.eq_data[i, :5].tolist() == [0, 1, 0, 0, 0]
         if equal and model.eq_obj2id[i] >= 0:
@@ -98,7 +98,7 @@ def check_machine(model: mujoco.MjModel) -> None:
 
 
 def segments(model: mujoco.MjModel, trunk: int) -> list[Segment]:
-    """Return the trunk and all moved bodies, parents first; fixed bodies are merged with their mass and inertia."""
+    """Return the trunk and all bodies with a joint, parents first; mass and inertia of fixed bodies are merged in."""
     data = mujoco.MjData(model)
     pose(model, data, np.zeros(model.njnt))
     found: list[Segment] = []
@@ -125,7 +125,7 @@ def segments(model: mujoco.MjModel, trunk: int) -> list[Segment]:
 
 
 def pose(model: mujoco.MjModel, data: mujoco.MjData, angles: Array) -> None:
-    """Place all hinges at `angles` (njnt,) rad; a free trunk lies at the origin."""
+    """Set all hinges in `data` to `angles` (njnt,) rad, a free trunk to the world origin, and update the kinematics."""
     for j in range(model.njnt):
         at = model.jnt_qposadr[j]
         if model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_FREE):
@@ -153,15 +153,15 @@ def _merge(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> None
 
 
 def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array) -> FootPoint | None:
-    """Return the foot at the last segment of a limb, None if nothing can be one, in the axes of that segment.
+    """Return the foot at the last segment of a limb, in the frame of that segment; None if no point qualifies.
 
-    The foot is made of spheres, of a named body or site, or else of the lowest end of a capsule.
+    A foot is a sphere or several, else a body or site with the name of a foot, else the lowest end of a capsule.
 
     Args:
-        model: compiled file.
-        segs: all segments.
-        tip: index of the limb's last segment.
-        angles: of all hinges, (njnt,) rad, at which the lowest end is found.
+        model: compiled model.
+        segs: all segments of the robot.
+        tip: index of the limb's last segment in `segs`.
+        angles: angles of all hinges, (njnt,) rad, at which the lowest end is determined.
     """
     data = mujoco.MjData(model)
     pose(model, data, angles)
@@ -193,7 +193,7 @@ class _TouchPoint(NamedTuple):
 
 
 def _ends(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> list[_TouchPoint]:
-    """Return spheres, ends of capsules, and bodies and sites with a foot's name, of a segment."""
+    """Return the candidates for a foot on a segment: spheres, ends of capsules, bodies and sites named like a foot."""
     kind, ends = mujoco.mjtGeom, list[_TouchPoint]()
     for geom in range(model.ngeom):
         body, shape = int(model.geom_bodyid[geom]), int(model.geom_type[geom])
@@ -217,7 +217,7 @@ def _ends(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> list[
 
 
 def _sole(marks: list[FileMark], model: mujoco.MjModel, data: mujoco.MjData) -> list[FileMark]:
-    """Return the spheres of a sole, only one of those within `SAME_M` m: files have one to see and one to touch."""
+    """Return the spheres of a sole without duplicates within `SAME_M` m (a visual and a collision sphere)."""
     kept: list[FileMark] = []
     for mark in marks:
         if all(np.linalg.norm(mark.place(model, data) - other.place(model, data)) > SAME_M for other in kept):

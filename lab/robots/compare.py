@@ -26,12 +26,12 @@ from .source import BALANCED, compiled, is_urdf
 POSTURES = 20
 """Number of random postures, from a fixed seed, at which two descriptions of a robot are compared."""
 MOST_DIFFERENCE = 1e-9
-"""Largest allowed difference between two descriptions of a robot, SI unit of each quantity; rounding is below 1e-12."""
+"""Largest difference accepted between a robot folder and its source, SI unit of each quantity; rounding gives 1e-12."""
 WITNESS = "pinocchio"
 
 
 class ComparedRobot(NamedTuple):
-    """Quantities of a robot at one posture that are compared with those of its source; frame base_link."""
+    """Quantities of a robot at one posture, compared between robot folder and source file; frame base_link."""
 
     mass_kg: Array  # (1,)
     com_m: Array  # (3,)
@@ -47,7 +47,7 @@ class _RandomPosture(NamedTuple):
 
 
 def differences(folder: Path) -> dict[str, float]:
-    """Return the largest differences, by quantity, between a robot folder and MuJoCo's results for its source."""
+    """Return the largest differences, by quantity with unit, of a robot folder from MuJoCo's model of its source."""
     robot, notes, text = _read(folder)
     try:
         return _largest(robot, _mujoco(robot, notes, text))
@@ -57,10 +57,10 @@ def differences(folder: Path) -> dict[str, float]:
 
 
 def witness(folder: Path) -> dict[str, float] | None:
-    """Return the largest differences of an imported robot from pinocchio's model of its source, over random postures.
+    """Return the largest differences of an imported robot from pinocchio's model of its source, at random postures.
 
     Args:
-        folder: of the imported robot, with its source.
+        folder: folder of the imported robot, with its source file.
 
     Returns:
         Difference by name of the quantity, which ends in its unit; None where pinocchio is not installed.
@@ -75,10 +75,10 @@ def witness(folder: Path) -> dict[str, float] | None:
 
 
 def checked(folder: Path) -> dict[str, dict[str, float]]:
-    """Return the largest differences of a robot folder from its source, by program and quantity.
+    """Return the largest differences of a robot folder from its source file, by program and by quantity with unit.
 
     Raises:
-        RobotError: one is larger than `MOST_DIFFERENCE`, except inertias by pinocchio that MuJoCo has balanced.
+        RobotError: a difference exceeds `MOST_DIFFERENCE`, except pinocchio's inertias where MuJoCo balanced them.
     """
     found = {"mujoco": differences(folder)}
     other, notes = witness(folder), _read(folder)[1]
@@ -95,10 +95,10 @@ def checked(folder: Path) -> dict[str, dict[str, float]]:
 
 
 def _read(folder: Path) -> tuple[Robot, ImportNotes, str]:
-    """Return robot description, import notes and source XML of a robot folder, checked to belong together.
+    """Return robot description, import notes and source XML of a robot folder, after checking their consistency.
 
     Raises:
-        RobotError: one cannot be used, or the notes name a leg or joint that the robot does not have.
+        RobotError: one of them cannot be used, or the notes name a leg or joint that the robot does not have.
     """
     robot, notes = load_robot(folder), read_notes(folder)
     for table, names, known in (("joints", notes.joints, robot.joint_names), ("feet", notes.feet, robot.leg_names)):
@@ -127,7 +127,7 @@ def _largest(robot: Robot, theirs: Any) -> dict[str, float]:
 
 
 def ours(robot: Robot, q: Array, up: Array) -> ComparedRobot:
-    """Return the compared quantities by surefoot at joint angles q (nj,) rad and specific force `up` (3,) m/s2."""
+    """Return the quantities computed by surefoot at joint angles q (nj,) rad and specific force `up` (3,) m/s2."""
     model = robot.model
     rot, pos = forward(model, q)
     feet, jacobians = feet_and_jacobians(leg_arrays(model), q)
@@ -223,7 +223,7 @@ def _pinocchio(robot: Robot, notes: ImportNotes, text: str) -> Any:
 def _frames(
     pin: Any, model: Any, data: Any, q: Array, robot: Robot, notes: ImportNotes, pick: Array
 ) -> tuple[Array, Array]:
-    """Return centres and spheres of feet, (L + k, 3) m, and Jacobians (L, 3, n) by their bodies, at q (n,) rad."""
+    """Return foot centres and spheres, (L + k, 3) m, and foot Jacobians (L, 3, n), m, by pinocchio at q (n,) rad."""
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     columns = np.zeros((robot.nlegs, 3, robot.model.leg_joints.shape[1]))

@@ -1,4 +1,4 @@
-"""A robot description as an MJCF file that other programs and `surefoot robot import` read."""
+"""Export of a robot description as an MJCF file, for other programs and `surefoot robot import`."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -8,14 +8,14 @@ from surefoot.disk import whole
 from surefoot.robot.description import Link, Robot
 
 ROOT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""Pose of the trunk in the exported keyframe: position (3) m, then quaternion w x y z, world."""
+"""Pose of the trunk in the exported keyframe, world frame, (7,): position, m, then quaternion w x y z."""
 
 
 def mjcf_of(robot: Robot) -> str:
     """Return the MJCF text of a robot: links with their inertia, joints, servos, feet, inertial unit, keyframe `home`.
 
-    Lengths in m, angles in rad, all digits of every number. Play, steps and delay of the servos are left out: MJCF has
-    no elements for them.
+    Lengths in m, angles in rad, numbers in full precision. Backlash, resolution and delay of the servos are left out:
+    MJCF has no elements for them.
     """
     top = Element("mujoco", model=robot.name)
     SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
@@ -74,7 +74,7 @@ def _trunk(body: Element, robot: Robot) -> None:
 
 
 def _motors(top: Element, robot: Robot) -> None:
-    """Add to the MJCF a position servo for each joint, and an equality constraint for joints that share a motor."""
+    """Add a position servo for each joint, and an equality constraint for joints that share a motor, to the MJCF."""
     motors, equal = SubElement(top, "actuator"), Element("equality")
     for i, link in enumerate(robot.links):
         if link.joint < 0:
@@ -93,7 +93,7 @@ def _motors(top: Element, robot: Robot) -> None:
 
 
 def _depth_first(robot: Robot, link: int = 0) -> Iterable[Link]:
-    """Yield the links in the order of MuJoCo's bodies."""
+    """Yield a link of a robot and all links below it, depth first, which is the order of bodies in MuJoCo."""
     yield robot.links[link]
     for i, other in enumerate(robot.links):
         if other.parent == link:

@@ -1,4 +1,4 @@
-"""Import of a robot file into a folder with its description, source and notes."""
+"""Import of an MJCF or URDF file into a robot folder: description, source XML and notes of the import."""
 
 import json
 import shutil
@@ -17,7 +17,7 @@ def import_robot(file: Path, out: Path) -> Imported:
     """Import a robot file into a new folder with robot.toml, source.xml (without meshes) and import.json.
 
     Raises:
-        RobotError: the file is no robot, or the folder exists.
+        RobotError: the file describes no legged robot, or the folder `out` exists.
     """
     if file.suffix not in (".xml", ".urdf", ".mjcf"):
         raise RobotError("value", "file", f"got {file.name!r}, allowed are *.xml, *.mjcf and *.urdf")

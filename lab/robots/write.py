@@ -1,4 +1,4 @@
-"""A legged robot as the tables of `robot.toml`, with a report of what was found, assumed and missing."""
+"""Tables of `robot.toml` from a compiled MuJoCo model, with notes on values found, assumed and missing."""
 
 # mujoco has no type stubs for its compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -18,10 +18,11 @@ from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk
 from .stance import MOST_TORQUE, can_stand, doubts_of_axes, standing, torque_limit
 
 STIFFNESS, DAMPING = 5.0, 0.1
-"""Servo gains where the file has none, as multiples of the largest torque: position, 1/rad, and velocity, s/rad."""
+"""Servo gains for joints whose file has none, as multiples of the largest torque: `STIFFNESS`: position gain, 1/rad;
+`DAMPING`: velocity gain, s/rad."""
 SWING = 2.0 * math.pi * 10.0
-"""Natural angular frequency of a servo with its rotor, rad/s, for files without rotor inertia: without one the
-links of a light leg tremble at the rate of the simulation, and standing feet creep by centimetres."""
+"""Natural angular frequency, rad/s, from which a servo's rotor inertia is derived if the file has none: without a
+rotor, light links vibrate at the simulation rate and standing feet creep by centimetres."""
 KINDS = {6: "hexapod", 4: "quadruped", 2: "biped"}
 HALF_TURN = math.pi  # rad, assumed limit of a joint without limits
 SMALLEST_BOX = 1e-6  # m, of a flat body's inertia box: its inertia changes by less than 1e-12 m2 times the mass
@@ -29,7 +30,7 @@ SMALLEST_BOX = 1e-6  # m, of a flat body's inertia box: its inertia changes by l
 
 @dataclass
 class Imported:
-    """Result of reading a robot file: tables of a robot.toml, with names in the file and notes on the import."""
+    """Result of a robot import: tables of robot.toml, names in the imported file, and notes on the import."""
 
     tables: dict[str, Any]
     joints: dict[str, str]  # the file's joint name by ours
@@ -37,14 +38,14 @@ class Imported:
     shared: dict[str, str]  # our joint by the name of the file's joint that has the same motor
     trunk: str
     home: bool = False
-    """True: the neutral posture is one that the file names; False: it was generated."""
+    """True: the neutral posture is the keyframe `home` of the file; False: the file has none."""
     found: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
 
 
 def imported(model: mujoco.MjModel, name: str) -> Imported:
-    """Return the tables of a compiled robot (raises RobotError for what has no trunk, feet or known leg count)."""
+    """Return the tables of a compiled robot (raises RobotError: no trunk, or not 2, 4 or 6 feet)."""
     check_machine(model)
     trunk = trunk_body(model)
     segs = segments(model, trunk)
@@ -86,7 +87,7 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
 
 
 def _check_couplings(model: mujoco.MjModel, first: set[int]) -> None:
-    """Raise RobotError for a joint that is coupled to another one; allowed for the first hinges of limbs, `first`."""
+    """Raise RobotError for a joint coupled to another joint, except between the first hinges of limbs, `first`."""
     for i in range(model.neq):
         if int(model.eq_obj1id[i]) not in first:
             names = " coupled to ".join(
@@ -117,8 +118,8 @@ def stand_on(made: Imported, robot: Robot) -> None:
     """Add a standing posture, torques where the file has none, and gait parameters to the tables of a robot.
 
     Args:
-        made: changed in place.
-        robot: description with these tables, whose neutral posture is the first guess.
+        made: tables of the robot, changed in place.
+        robot: robot description made from these tables; its neutral posture is used if the robot can stand in it.
     """
     if not can_stand(robot):
         made.missing.append("gait: walks need six joints a leg of two legs, or three a leg of more")
@@ -152,7 +153,7 @@ def assume_rotors(made: Imported) -> None:
 
 
 def toml_text(tables: dict[str, Any], comment: str) -> str:
-    """Return TOML of nested tables whose lists of tables are written inline."""
+    """Return nested tables as TOML text that begins with `comment`; lists of tables are written inline."""
     lines = [f"# {comment}"]
 
     def put(table: dict[str, Any], path: str) -> None:
@@ -181,7 +182,7 @@ def _floats(values: Array) -> list[float]:
 
 
 def _neutral(model: mujoco.MjModel, made: Imported) -> Array:
-    """Return the joint angles (njnt,) rad of the keyframe `home`, else the middle of the limits."""
+    """Return the joint angles (njnt,) rad of the keyframe `home`, else the middle of the joint limits."""
     keys = [model.key(i).name for i in range(model.nkey)]
     if "home" in keys:
         made.home = True
@@ -192,7 +193,7 @@ def _neutral(model: mujoco.MjModel, made: Imported) -> Array:
 
 
 def _limbs(segs: list[Segment]) -> list[list[int]]:
-    """Return the segment indices of each limb, parents first."""
+    """Return, for each limb (chain of segments that starts at the trunk), the segment indices, parents first."""
     roots = [i for i, s in enumerate(segs) if s.parent == 0]
     limb_of = {i: i for i in roots}
     for i, s in enumerate(segs):
@@ -216,12 +217,12 @@ def _feet(model: mujoco.MjModel, segs: list[Segment], limbs: list[list[int]], an
 
 
 def plain_name(name: str) -> str:
-    """Return a name in lower case, with _ for all but letters and digits."""
+    """Return a name in lower case with all characters but letters and digits replaced by _."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def _limb_name(model: mujoco.MjModel, segs: list[Segment], limb: list[int], index: int) -> str:
-    """Return the common beginning of a limb's body names as its name, `FL` for FL_hip and FL_thigh."""
+    """Return a limb's name: the common beginning of its body names (`fl` for FL_hip, FL_thigh), else limb and index."""
     first = plain_name(model.body(segs[limb[0]].body).name).split("_")[0]
     same = all(plain_name(model.body(segs[i].body).name).split("_")[0] == first for i in limb)
     return first if same and re.match("[a-z]", first) else f"limb{index}"
@@ -260,7 +261,7 @@ def _link_name(model: mujoco.MjModel, s: Segment, label: str) -> str:
 
 
 def _inertial(s: Segment) -> dict[str, Any]:
-    """Return the table of a segment's mass, centre of mass, and the box with equal principal inertia and its axes."""
+    """Return the inertia table of a segment: mass, centre of mass, and the box of equal principal inertia, its axes."""
     size, axes = np.linalg.eigh(s.inertia)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1.0
@@ -316,7 +317,7 @@ def _trunk(base: Segment, places: list[dict[str, Any]], made: Imported) -> dict[
 
 
 def _sensors(model: mujoco.MjModel, segs: list[Segment], made: Imported) -> dict[str, Any]:
-    """Return the sensor tables: place of the inertial unit from a trunk site or body named imu, else an assumed one."""
+    """Return the sensor tables: position of the IMU from a trunk site or body named imu, else an assumed one."""
     data, base = mujoco.MjData(model), segs[0]
     mujoco.mj_kinematics(model, data)
     at, axes = data.xpos[base.body], data.xmat[base.body].reshape(3, 3)
