@@ -1,4 +1,4 @@
-"""`surefoot chaos`: a scenario under faults from a seed."""
+"""Command `surefoot chaos`: a scenario run with random faults that a seed determines."""
 
 import os
 from dataclasses import dataclass, replace
@@ -97,7 +97,7 @@ def chaos(
 
 
 def _chosen(text: str, *, zenoh: bool) -> "tuple[Kind, ...]":
-    """Return the kinds of faults of a list; empty = each seed has its own."""
+    """Return the kinds of faults in a comma-separated list; empty if the list is, so that each seed draws its kinds."""
     from .events import LIVE, MEMORY
 
     known = (LIVE if zenoh else MEMORY).kinds
@@ -110,7 +110,7 @@ def _chosen(text: str, *, zenoh: bool) -> "tuple[Kind, ...]":
 
 @dataclass(frozen=True)
 class _Draw:
-    """Source of the events of a seed."""
+    """Parameters by which a seed draws events: number of events, kinds (empty = by seed), ticks (None = default)."""
 
     events: int
     kinds: "tuple[Kind, ...]"
@@ -120,7 +120,7 @@ class _Draw:
 def _in_memory(
     scenario: "Scenario", seeds: range, draw: _Draw, progress: Progress, *, paced: bool
 ) -> "list[MemoryRun]":
-    """Run each seed and report the recoveries that were taken."""
+    """Run each seed on the in-memory bus, report which recoveries of `MARKS` were taken, and return the runs."""
     from .marks import MARKS, Marks
     from .run import run_chaos
 
@@ -147,7 +147,7 @@ def _named(run: "ChaosRun") -> str:
 
 
 def _shrink(path: Path, scenario: "Scenario", run: "ChaosRun", draw: _Draw, out: Path | None, *, paced: bool) -> None:
-    """Write the test of a failure, with the fewest events that it needs."""
+    """Write a pytest file that reproduces a failure with the fewest events that it needs."""
     from .run import drawn
     from .shrink import as_test, shrink_run
 
@@ -164,7 +164,7 @@ def _shrink(path: Path, scenario: "Scenario", run: "ChaosRun", draw: _Draw, out:
 
 
 def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: bool) -> range:
-    """Check and compile all that live runs need before the first of them starts; return their seeds."""
+    """Check output folders and world and compile kernels before the first live run; return the seeds."""
     from surefoot.bus.endpoint import to_listen
     from surefoot.services.supervisor.processes.startable import system_of
 
@@ -211,7 +211,7 @@ def _show(found: "list[ChaosRun]") -> None:
 
 
 def _rows(run: "ChaosRun") -> list[tuple[object, ...]]:
-    """Return a row of the table for each event of a run."""
+    """Return a row of the result table for each event of a run."""
     return [
         (
             run.seed,
@@ -229,5 +229,5 @@ def _rows(run: "ChaosRun") -> list[tuple[object, ...]]:
 
 
 def _after(outcome: "ChaosOutcome", at: float | None) -> str:
-    """Return the time from the beginning of an event, s."""
+    """Return the time from the beginning of an event to `at`, s, as text; "-" if `at` is None."""
     return "-" if at is None else f"{at - outcome.began:.2f}"

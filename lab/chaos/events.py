@@ -1,4 +1,4 @@
-"""Model of random faults, for the in-memory bus and for live processes: events that a seed draws, and outcomes."""
+"""Model of random faults, for the in-memory bus and live processes: events drawn from a seed, and their outcomes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,22 +9,22 @@ from surefoot.schemas.topics import CMD_JOINTS
 
 Kind = Literal["drop", "duplicate", "reorder", "delay", "corrupt", "forge", "freeze", "kill", "terminate", "slow"]
 MESSAGES: tuple[Kind, ...] = ("drop", "duplicate", "reorder", "delay", "corrupt", "forge")
-"""Kinds of faults that spoil only messages; a lockstep run with them equals the run without faults bit by bit."""
+"""Kinds of faults that affect only messages; a lockstep run with them equals the run without faults bit by bit."""
 FREEZE_S = (0.3, 1.0, 5.0)
-"""Durations of a service freeze to draw from, s; a driver is frozen for less than `DRIVER_FREEZE_S`."""
+"""Possible durations of a service freeze, s; for a driver only those below `DRIVER_FREEZE_S`."""
 DRIVER_FREEZE_S = 3.0
 SLOW_S = (1.0, 3.0)
-"""Durations for which a service is slowed down, to draw from, wall time, s."""
+"""Possible durations, s of wall time, for which a service is slowed down."""
 MOST_MESSAGES = 20
-"""Largest number of deliveries that one event spoils, and number of commands that it forges in a live system."""
+"""Largest number of deliveries that an event affects on the in-memory bus; number of commands it forges when live."""
 MOST_ROUNDS = 30
-"""Largest delay of a delivery, in rounds of the bus."""
+"""Largest delay of a delivery by a fault, in rounds of the in-memory bus."""
 SWARM_SHARE = 0.5
-"""Probability with which each kind of faults is enabled in the run of a seed."""
+"""Probability with which a seed enables each kind of fault for its run."""
 FORGER = "forger"
-"""Sender name of forged messages."""
+"""Name of the bus participant that publishes forged messages."""
 FORGED_RAD = 0.4
-"""Difference between a forged joint command and the real one, rad."""
+"""Offset of every joint angle in a forged joint command: from the real command in memory, from the truth live, rad."""
 
 
 @dataclass(frozen=True)
@@ -35,27 +35,27 @@ class ChaosEvent:
     tick: int
     """Control tick of the driver in which the event begins."""
     service: str
-    """Owner of the spoilt messages, or the service that is frozen, slowed, ended or killed."""
+    """Service whose published messages are affected, or that is frozen, slowed, terminated or killed."""
     count: int = 0
-    """Number of deliveries that the event spoils, or of messages that are forged; 0 of kinds that spoil none."""
+    """Number of deliveries that the event affects, or of messages that it forges; 0 for faults of a process."""
     size: float = 0.0
-    """Delay in rounds of the bus, or duration of a freeze or of slow running, s."""
+    """Delay of a delivery, rounds of the in-memory bus, or duration of a freeze or of slow running, s."""
 
 
 @dataclass(frozen=True)
 class ChaosOutcome:
-    """Outcome of one event; times are virtual s (in a live system wall s) since the start."""
+    """Outcome of a fault; times in s since the start of the run, virtual (in a live system: wall time)."""
 
     event: ChaosEvent
     began: float
     spoilt: int = 0
-    """Number of deliveries that the event spoilt."""
+    """Number of deliveries that the fault affected."""
     recovered: float | None = None
-    """Time at which the system was as before, s; None = never."""
+    """Time since the start of the run at which all services worked again, s; None = never."""
     noticed: float | None = None
-    """Time at which a participant first noticed the event, s; None = never."""
+    """Time since the start of the run at which a participant first noticed the fault, s; None = never."""
     by: str = ""
-    """Participant that noticed the event first, and by what sign."""
+    """Name of the participant that noticed the fault first, and its sign (reason, log text); empty = none did."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,18 +63,18 @@ class ChaosRun:
     """Result of a run with random faults: outcomes of the events, violations of safety, and a fall."""
 
     seed: int
-    """Seed of the events."""
+    """Seed from which the faults were drawn."""
     outcomes: tuple[ChaosOutcome, ...]
-    """Outcome of each event that happened."""
+    """Outcome of each fault that was injected."""
     violations: tuple[str, ...]
-    """Unsafe states and missing recoveries, in words; empty = none."""
+    """Unsafe states and missing recoveries, a sentence each; empty = none, the run passed."""
     ticks: int
-    """Control ticks that the run took."""
+    """Number of control ticks that the run took."""
     kinds: tuple[Kind, ...] = ()
-    """Kinds of faults that the seed left on."""
+    """Kinds of faults that were enabled in the run."""
     fell_at: int | None = None
-    """Tick in which the robot fell; None = it did not. A fall is a violation unless the robot also falls when it is
-    held at the moment in which its commands ended: see `surefoot.lab.chaos.run.falls_when_held`."""
+    """Control tick in which the robot fell; None = it did not. A fall is a violation unless the robot would also fall
+    with its joints held from the tick at which its commands ended, see `surefoot.lab.chaos.run.falls_when_held`."""
 
 
 class Stage(NamedTuple):
@@ -82,15 +82,15 @@ class Stage(NamedTuple):
 
     kinds: tuple[Kind, ...]
     first_tick: int
-    """First control tick in which an event may begin."""
+    """First control tick in which a fault may begin."""
     fault: Callable[[Random, Kind, Sequence[str]], tuple[str, int, float]]
-    """Draws service, count and size of an event of a kind; the first service is the driver."""
+    """Function (random generator, kind, services, driver first) that returns service, count and size of a fault."""
 
 
 def swarm(stage: Stage, seed: int) -> tuple[Kind, ...]:
-    """Return the kinds of faults that a seed allows in its run, at least one.
+    """Return the kinds of faults that a seed enables for its run, at least one.
 
-    Two faults can hide each other's failures, and a run in which every kind happens shows no kind alone (swarm testing,
+    A fault can mask the failure that another one causes, so each run has a random subset of the kinds (swarm testing,
     Groce et al., ISSTA 2012).
     """
     random = Random(f"swarm {seed}")
@@ -108,8 +108,8 @@ def draw_events(
         seed: seed of the random generator.
         number: number of events to draw.
         services: names of services that may be hit, the driver first (it is not killed).
-        ticks: of the run; no event begins in its last fifth, so that the end shows whether everything recovered.
-        kinds: to draw from; empty = those that the seed allows, see `swarm`.
+        ticks: length of the run, control ticks; no event begins in its last fifth, so that the end shows recovery.
+        kinds: kinds of faults to draw from; empty = those that the seed enables, see `swarm`.
     """
     random, kinds = Random(seed), kinds or swarm(stage, seed)
     found: list[ChaosEvent] = []
@@ -122,7 +122,7 @@ def draw_events(
 
 
 def _fault_in_memory(random: Random, kind: Kind, services: Sequence[str]) -> tuple[str, int, float]:
-    """Draw a fault of messages or of a service; the driver is neither killed nor frozen."""
+    """Draw service, count and size of a fault on the in-memory bus; the driver is neither killed nor frozen."""
     hits_process = kind in ("freeze", "kill")
     service = random.choice(services[1:] if hits_process else services)
     size = random.choice(FREEZE_S) if kind == "freeze" else float(random.randint(1, MOST_ROUNDS))
@@ -130,7 +130,7 @@ def _fault_in_memory(random: Random, kind: Kind, services: Sequence[str]) -> tup
 
 
 def _live_fault(random: Random, kind: Kind, services: Sequence[str]) -> tuple[str, int, float]:
-    """Draw a fault of a process; the driver is neither killed nor ended, nor frozen until its lease is over."""
+    """Draw service, count and size of a live fault; the driver is not killed or terminated, frozen < 3 s."""
     service = random.choice(services[1:] if kind in ("kill", "terminate") else services)
     freezes = [s for s in FREEZE_S if s < DRIVER_FREEZE_S] if service == services[0] else FREEZE_S
     frozen, slow = random.choice(freezes), random.choice(SLOW_S)  # both, so that a seed keeps its events
@@ -140,6 +140,6 @@ def _live_fault(random: Random, kind: Kind, services: Sequence[str]) -> tuple[st
 
 
 MEMORY = Stage(get_args(Kind)[:8], 1, _fault_in_memory)
-"""The in-memory bus: messages are spoilt, services killed and frozen, in virtual time."""
+"""Faults on the in-memory bus in virtual time, from tick 1: of messages, and services killed and frozen."""
 LIVE = Stage(("kill", "terminate", "freeze", "slow", "forge"), 120, _live_fault)
-"""Live processes: killed, ended, frozen, slowed, and commands forged, once the robot stands and walks."""
+"""Faults of live processes, from tick 120, when the robot walks: kill, terminate, freeze, slow, forged commands."""

@@ -1,6 +1,6 @@
-"""A scenario on a live system under faults from a seed: services killed, ended, frozen and slowed, commands forged.
+"""Scenario run on a live system with random faults: services killed, terminated, frozen, slowed, commands forged.
 
-Events come one at a time, the next one when all services are back, so that each has its own recovery time.
+Faults are injected one at a time, the next one when the service hit has recovered, so that each has a recovery time.
 """
 
 import signal
@@ -33,12 +33,12 @@ from .events import FORGED_RAD, FORGER, LIVE, ChaosEvent, ChaosOutcome, ChaosRun
 from .run import falls_when_held
 
 SLOW_PERIOD_S, SLOW_SHARE = 0.1, 0.7
-"""Period of slow running, s of wall time, and the share of it in which a slow service is stopped."""
+"""Slowing of a service: `SLOW_PERIOD_S`: period, s of wall time; `SLOW_SHARE`: share of it spent stopped."""
 LOOK_S = 0.01
-"""Wall time between two checks of the system's state, s."""
+"""Interval between two checks of the live system for signs of a fault and of recovery, s of wall time."""
 RECOVER_S = 90.0
-"""Longest wall time from the end of a fault until every service is back, s; a start alone takes 10 s on a loaded
-machine."""
+"""Longest wall time from the end of a fault until its service works again, s; longer is a violation (a start takes 10 s
+on a loaded machine)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,11 +46,11 @@ class LiveRun(ChaosRun):
     """Result of a run of live processes with random faults."""
 
     bags: dict[str, int]
-    """Number of readable messages by recording file."""
+    """Number of readable messages in each recording of the run, by file name."""
     verdict: RunVerdict
     """Verdict on the limits of the scenario."""
     report: Path | None
-    """Path of the HTML report of the run; None = no report."""
+    """Path of the HTML report of the run; None = none was written."""
 
 
 def run_live(
@@ -67,14 +67,14 @@ def run_live(
     """Run a scenario on a live system with random faults, check its limits, and stop the system.
 
     Args:
-        scenario: what to do.
-        seed: of the events.
-        events: number of events.
-        options: those of the same run without faults.
-        kinds: of faults that are drawn; empty = all, of which the seed leaves some out.
-        ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
-        notify: called with each message on what the system does.
-        show: gets the progress of the run.
+        scenario: scenario to run.
+        seed: seed from which the faults are drawn.
+        events: number of faults.
+        options: options of a live run, as without faults.
+        kinds: kinds of faults to draw from; empty = those that the seed enables.
+        ticks: number of control ticks over which the faults are spread; None = half of the scenario's duration limit.
+        notify: called with each notice of the system.
+        show: called with the progress of the run.
     """
     made: list[Chaos] = []
 
@@ -116,7 +116,7 @@ def run_live(
 
 
 def orphans(processes: set[tuple[str, int]]) -> dict[int, str]:
-    """Return the processes, by id, that outlive a service in its process group, each with the name of the service."""
+    """Return the processes left in the process groups of ended services: process id to service name."""
     groups = {pid: name for name, pid in processes}
     found: dict[int, str] = {}
     for folder in Path("/proc").glob("[0-9]*"):
@@ -131,14 +131,14 @@ def orphans(processes: set[tuple[str, int]]) -> dict[int, str]:
 
 
 class Chaos:
-    """Injector of events into the services of a session, from its own thread; a context manager around the run."""
+    """Injector of faults into the services of a live session, in its own thread; a context manager around the run."""
 
     def __init__(self, session: Session, events: Sequence[ChaosEvent]) -> None:
         self.session = session
         self.outcomes: list[ChaosOutcome] = []
         self.violations: list[str] = []
         self.processes: set[tuple[str, int]] = set()
-        """Service name and process group of every process seen so far."""
+        """Service name and process group id of every service process seen so far."""
         self._events = list(events)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="chaos", daemon=True)
@@ -164,11 +164,11 @@ class Chaos:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return one sentence on each event so far, for the report."""
+        """Return one sentence on each fault injected so far, for the report."""
         return tuple(_words(outcome) for outcome in self.outcomes)
 
     def fell_at(self) -> int | None:
-        """Return the first tick in which the robot has fallen by the truth, None if it has not."""
+        """Return the first control tick in which the simulated robot has fallen (ground truth); None if it has not."""
         kept = self.session.supervisor.kept
         truths = (cast(Truth, delivery.message()) for delivery in kept if delivery.topic.key == SIM_TRUTH.key)
         return next((truth.tick for truth in truths if truth.fallen), None)
@@ -176,7 +176,7 @@ class Chaos:
     # -- what is noticed -----------------------------------------------------------------------------------------------
 
     def sign(self, who: str, text: str) -> None:
-        """Record a sign that a participant noticed a fault, such as a restart, and its time; from any thread."""
+        """Record a text by which participant `who` shows that it noticed a fault, with its time; from any thread."""
         self._signs.append((time.monotonic(), who, text))
 
     def _on_log(self, message: Message) -> None:
@@ -184,7 +184,7 @@ class Chaos:
             self.sign(message.source, message.text)
 
     def _look(self, service: str, before: SimStatus | None) -> None:
-        """Record the signs of a service in the supervisor's table and in the driver's status."""
+        """Record signs of a service fault: in the supervisor's table, on the bus, in a newer status than `before`."""
         for row in self.session.rows():
             if row.pid is not None:
                 self.processes.add((row.service, row.pid))
@@ -204,7 +204,7 @@ class Chaos:
             self.sign(driver, f"{service}: late, {status.rtf:.2f} x real time")
 
     def _noticed(self, event: ChaosEvent, since: float) -> tuple[float, str] | None:
-        """Return when and by whom an event was noticed first: by a sign that names the service or its topics."""
+        """Return (monotonic time, s; text) of the first sign after `since` that names the service or its topics."""
         names = (event.service, *(t.key for t in TOPICS if t.owner == self._owner(event.service)))
         for at, who, text in self._signs:
             if at >= since and any(name in text for name in names):
@@ -232,7 +232,7 @@ class Chaos:
                 self.violations.append(f"{event.kind} of {event.service}: {type(error).__name__}: {error}")
 
     def _suffer(self, event: ChaosEvent) -> None:
-        """Inject one fault into the live system, and wait until the system has recovered from it."""
+        """Inject a fault into the live system, wait until the system has recovered from it, and record the outcome."""
         session = self.session
         row = next(row for row in session.rows() if row.service == event.service)
         identity = None if row.pid is None else identify(row.pid)
@@ -283,7 +283,7 @@ class Chaos:
             self.violations.append(f"{event.service} {what} {waited:.0f} s after {event.kind} in tick {event.tick}")
 
     def _stand(self, identity: Identity, until: float, service: str, status: SimStatus | None) -> None:
-        """Stop a process with SIGSTOP until a time of the monotonic clock, s."""
+        """Stop a process group with SIGSTOP until a time `until` of the monotonic clock, s, then continue it."""
         identity.signal_group(signal.SIGSTOP)
         try:
             self._wait(until, service, status)
@@ -296,7 +296,7 @@ class Chaos:
             time.sleep(min(LOOK_S, left))
 
     def _is_back(self, service: str, gone: Identity | None, ticks: int) -> bool:
-        """Return True if a service works as before: its process is healthy and does the current ticks, else False."""
+        """Return True if a service is healthy, its process not `gone` and past tick `ticks`; else False."""
         session = self.session
         row = next(row for row in session.rows() if row.service == service)
         if row.state != "healthy" or row.pid is None or (gone is not None and row.pid == gone.pid):

@@ -1,7 +1,7 @@
-"""Coverage marks: which refusals and recoveries of the runtime a run has taken, by name.
+"""Coverage marks: record which refusals and recoveries of the runtime were executed in a run, by name.
 
-A recovery that no run takes is not tested. Marks wrap methods of the runtime from outside, so that the runtime has no
-code for them: each names a method, and the calls of it that count.
+A recovery that no run executes is not tested. Marks wrap methods of the runtime from outside, so that the runtime has
+no code for them: each names a method, and which of its calls count.
 """
 
 from collections.abc import Callable
@@ -17,12 +17,12 @@ from surefoot.services.walker.memory import MemoryFile
 
 
 class Recovery(NamedTuple):
-    """Recovery of the runtime from a fault: a method, and a predicate of which calls of it were a recovery."""
+    """Recovery of the runtime from a fault: class, name of its method, and predicate of the calls that count."""
 
     owner: type[Any]
     method: str
     taken: Callable[[Any, tuple[Any, ...], Any], bool]
-    """Predicate of a call of the method (object, arguments, result): True if the call took the recovery, else False."""
+    """Predicate of a call (object, arguments, result): True if the call executed the recovery, else False."""
 
 
 def _always(owner: Any, args: tuple[Any, ...], result: Any) -> bool:
@@ -74,11 +74,11 @@ MARKS: dict[str, Recovery] = {
     "leader gives a lost member up": Recovery(Leader, "give_up_waiting", _true),
     "walker goes on with a kept command": Recovery(MemoryFile, "recall", lambda file, args, result: result is not None),
 }
-"""Recoveries that a run may take, by name."""
+"""Refusals and recoveries of the runtime whose execution `Marks` records, by name."""
 
 
 class Marks:
-    """Context manager that records in `taken` the recoveries that are taken in it."""
+    """Context manager that collects in `taken` the names of recoveries (`MARKS`) executed within it."""
 
     def __init__(self) -> None:
         self.taken: set[str] = set()

@@ -1,5 +1,5 @@
-"""Faults on the in-memory bus: messages dropped, duplicated, reordered, delayed, corrupted and forged, services killed
-and frozen. Time is virtual, so that a seed replays a failure to the bit.
+"""Random faults on the in-memory bus: messages dropped, duplicated, reordered, delayed, corrupted or forged, services
+killed or frozen. Time is virtual, so that a seed replays a failure to the bit.
 """
 
 from collections import Counter
@@ -20,33 +20,33 @@ from surefoot.schemas.topics import Topic
 from .events import ChaosEvent, ChaosOutcome
 
 IDLE_S = 0.01
-"""Virtual time that passes in a round in which no service has anything to do, s."""
+"""Virtual time by which a round advances the clock if no service has work, s."""
 LEASE_S = 1.0
-"""Duration of a freeze, virtual time, s, from which on the liveliness token of the service is lost."""
+"""Duration of a service freeze, s of virtual time, from which on the service loses its liveliness token."""
 RESTART_S = 1.5
-"""Virtual time from the death of a service to its successor, s."""
+"""Virtual time from the kill of a service to the start of its successor, s."""
 JOIN_S = 1.0
-"""Virtual time, s, after its return from which on a service must be on the roster of active services."""
+"""Virtual time after the return of a service, s, from which on its absence from the lockstep roster is an error."""
 PATIENT_S = 5.0
-"""Longest virtual time that a caller waits for a frozen service, s."""
+"""Longest virtual time that a query waits for a frozen service to answer, s."""
 STALL_S = 300.0
-"""Virtual time without a tick after which a run counts as stalled, s."""
+"""Virtual time without a control tick after which a run counts as stalled and ends with an error, s."""
 
 
 Forge = Callable[[Topic[Any], Delivery], Delivery | None]
-"""Returns the message that a forger publishes before the owner's own, None for nothing."""
+"""Function that returns a forged delivery, sent before the given one of the topic's owner; None = no forgery."""
 
 
 class ChaosBus(MemoryBus):
-    """In-memory bus that drops, repeats, delays, corrupts or forges deliveries of the services that events name."""
+    """In-memory bus that drops, repeats, delays, corrupts or forges messages of the services of active faults."""
 
     def __init__(self, seed: int, forge: Forge) -> None:
         super().__init__()
         self._random, self._forge = Random(seed), forge
         self.left: dict[ChaosEvent, int] = {}
-        """Number of deliveries that each active event may still spoil."""
+        """Number of deliveries that each active fault has still to affect."""
         self.spoilt = Counter[ChaosEvent]()
-        """Number of deliveries that each event has spoilt."""
+        """Number of deliveries that each fault has affected so far."""
         self._held: list[tuple[int, Callable[[Delivery], Any], Delivery]] = []
         self._round = 0
 
@@ -80,7 +80,7 @@ class ChaosBus(MemoryBus):
                 sink(delivery)
 
     def turn(self) -> bool:
-        """Begin a round: deliver the messages that are due; return True if any were or still are held back."""
+        """Begin a round: deliver delayed messages that are due; return True if any were due or are still delayed."""
         self._round += 1
         due = [item for item in self._held if item[0] <= self._round]
         self._held = [item for item in self._held if item[0] > self._round]
@@ -89,19 +89,19 @@ class ChaosBus(MemoryBus):
         return bool(due) or bool(self._held)
 
     def unserve(self, node: Node) -> None:
-        """Remove the queries of a service that has ended."""
+        """Remove the queries of a service that has ended from the bus."""
         for query in node.service.serves:
             self._servers.pop(query.key, None)
 
 
 class ChaosSystem:
-    """System of services in one process, with random faults that hit them.
+    """System of services in one process on a `ChaosBus`, with given faults at given ticks.
 
     Args:
         makers: factory of each service by name, the driver first; it also makes the successor of a killed one.
-        events: in the order of their ticks.
-        seed: of the random parts of the events.
-        forge: returns the message that a forger publishes before the owner's own, None for nothing.
+        events: faults in the order of their ticks.
+        seed: seed of the random parts of the faults.
+        forge: returns a forged delivery, sent before the given one of the topic's owner; None = no forgery.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class ChaosSystem:
     def _answer(self, name: str, node: Node) -> bool:
         """Let a service handle a pending query; return True if it did, False if it stays frozen or has none.
 
-        While it is frozen the caller waits, as over Zenoh: time passes, the others go on, nothing else happens.
+        While the service is frozen its caller waits, as over Zenoh: virtual time passes and other services go on.
         """
         until = self.now + PATIENT_S
         while name in self._frozen and len(self._at_work) == 1 and self.now < until:
@@ -145,10 +145,10 @@ class ChaosSystem:
     def run(
         self, finished: Callable[[], bool], watch: Callable[[], None] = lambda: None, stall_s: float | None = None
     ) -> None:
-        """Run the services in turn, with the events at their ticks, until ``finished`` returns True.
+        """Run the services in turn, with the faults at their ticks, until `finished` returns True.
 
         Args:
-            finished: called after each round of all services.
+            finished: called after each round of all services; True ends the run.
             watch: called after each round.
             stall_s: virtual time without a tick after which the run counts as stalled, s; None = `STALL_S`.
 
@@ -172,7 +172,7 @@ class ChaosSystem:
                 raise BusError("stalled", why)
 
     def _work(self, progressed: bool) -> None:
-        """Let each present service that waits for no answer work once; if none has work, advance virtual time."""
+        """Let each service that is neither absent nor waiting work once; advance virtual time if not `progressed`."""
         for name, node in list(self.nodes.items()):
             if name not in self._frozen and name not in self._dead and node not in self._at_work:
                 self._at_work.append(node)
@@ -187,7 +187,7 @@ class ChaosSystem:
             self.bus.announce(name, self.nodes[name].instance)
 
     def _happen(self) -> None:
-        """Begin the faults that are due, end freezes that are over, and restart killed services whose delay is over."""
+        """Begin faults that are due, end freezes whose time is over, restart killed services after `RESTART_S`."""
         self._over_freezes()
         for name in self._over(self._dead):
             self._start(name)
@@ -209,7 +209,7 @@ class ChaosSystem:
                 self.bus.left[event] = event.count
 
     def _over(self, absences: dict[str, float]) -> list[str]:
-        """Remove the services whose absence is over from `absences` (end by name, s), and return their names."""
+        """Remove services whose absence is over from `absences` (name to virtual end time, s); return their names."""
         names = [name for name, until in absences.items() if until <= self.now]
         for name in names:
             del absences[name]
@@ -220,7 +220,7 @@ class ChaosSystem:
         return {(name, why): n for name, node in self.nodes.items() for why, n in node.refused.items()}
 
     def _notice(self) -> None:
-        """Record the first sign of each fault: a driver that waits, or a service that counts another refusal."""
+        """Record the first sign of each fault: the driver misses the service, or a service counts a new refusal."""
         leader = self.driver.leader
         for place, outcome in enumerate(self.outcomes):
             event = outcome.event
@@ -234,7 +234,7 @@ class ChaosSystem:
                 self.outcomes[place] = replace(outcome, noticed=self.now, by=by)
 
     def _close_events(self) -> None:
-        """Record the recovery from faults: a tick in which every service is on the roster."""
+        """Record the recovery from all faults that are over, if every expected service is on the lockstep roster."""
         self._notice()
         leader = self.driver.leader
         if self._frozen or self._dead or not set(leader.expect) <= set(leader.members):
@@ -245,9 +245,9 @@ class ChaosSystem:
                 self.outcomes[place] = replace(outcome, recovered=self.now, spoilt=spoilt)
 
     def absent(self) -> tuple[str, ...]:
-        """Return the services that should be on the roster and up to date, but are not.
+        """Return the services that should be on the lockstep roster and at the current tick, but are not.
 
-        A service that is still frozen or dead, or back for less than ``JOIN_S``, is not among them.
+        A service that is frozen or dead, or has been back for less than `JOIN_S`, is not among them.
         """
         leader = self.driver.leader
         excused = {*self._frozen, *self._dead, *(n for n, at in self._back.items() if self.now - at < JOIN_S)}

@@ -1,4 +1,4 @@
-"""A scenario under faults from a seed, in one process on the in-memory bus: events, and whether the run was safe."""
+"""Scenario run with random faults in one process on the in-memory bus, and the check of its safety."""
 
 import math
 import tempfile
@@ -29,11 +29,11 @@ from .events import FORGED_RAD, FORGER, MEMORY, MESSAGES, ChaosEvent, ChaosRun, 
 from .memory import ChaosSystem
 
 SAFE = ("recorder", Supervisor.name)
-"""Services that no fault hits, as they keep the record of the run."""
+"""Services that are never hit by a fault, since they record the run."""
 HELD_TICKS = 300
-"""Number of control ticks (3 s) within which a robot that cannot stand falls after its joints were held."""
+"""Number of control ticks (3 s) for which a robot with held joints is observed for a fall."""
 FORGED_M_PER_S = 3.0
-"""Forward velocity in a forged velocity estimate, m/s."""
+"""Velocity along x in a forged velocity estimate, m/s."""
 _CLEAN: dict[str, str] = {}
 
 
@@ -42,9 +42,9 @@ class MemoryRun(ChaosRun):
     """Result of a run on the in-memory bus with random faults."""
 
     run_hash: str
-    """Hash of everything deterministic, the same whenever the seed is replayed."""
+    """Hash of all deterministic messages of the run, equal whenever its seed is replayed."""
     unbound: int
-    """Number of refused messages from senders that do not belong to the system."""
+    """Number of messages that services refused because their sender is no member of the system."""
     wall_s: float
     """Virtual time of the run, s."""
 
@@ -62,13 +62,13 @@ def run_chaos(
     """Run a scenario with random faults on the in-memory bus; return outcomes and violations of safety.
 
     Args:
-        scenario: what to do; its own seed is that of the world.
-        seed: of the events.
-        events: how many.
-        kinds: to draw from; empty = those that the seed allows.
-        ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
-        paced: time goes on in real time, as on a robot, when a service is missing; else it waits (lockstep).
-        progress: gets the share of the longest time of the run that has passed.
+        scenario: scenario to run; its own seed is that of the world.
+        seed: seed from which the faults are drawn.
+        events: number of faults.
+        kinds: kinds of faults to draw from; empty = those that the seed enables.
+        ticks: number of control ticks over which the faults are spread; None = half of the scenario's duration limit.
+        paced: True: time goes on while a service is missing, as on a robot; False: time waits for it (lockstep).
+        progress: called with the share of the run's longest duration that has passed, 0 to 1.
     """
     kinds = kinds or swarm(MEMORY, seed)
     found = drawn(scenario, seed, events, kinds, ticks)
@@ -78,14 +78,14 @@ def run_chaos(
 def drawn(
     scenario: Scenario, seed: int, events: int, kinds: tuple[Kind, ...] = (), ticks: int | None = None
 ) -> tuple[ChaosEvent, ...]:
-    """Return the events that a seed draws for a scenario.
+    """Return the faults that a seed draws for a scenario.
 
     Args:
-        scenario: its services may be hit.
-        seed: of the events.
-        events: how many.
-        kinds: to draw from; empty = those that the seed allows.
-        ticks: of the run over which the events are spread, None = half of the scenario's longest duration.
+        scenario: scenario whose services may be hit.
+        seed: seed from which the faults are drawn.
+        events: number of faults.
+        kinds: kinds of faults to draw from; empty = those that the seed enables.
+        ticks: number of control ticks over which the faults are spread; None = half of the scenario's duration limit.
     """
     hit = ("driver", *(name for name in _members(scenario) if name not in SAFE))
     return draw_events(MEMORY, seed, events, hit, ticks or scenario.max_ticks // 2, kinds)
@@ -102,11 +102,11 @@ def suffer(
     """Run a scenario on the in-memory bus with given faults, and return the result.
 
     Args:
-        scenario: what to do.
+        scenario: scenario to run.
         events: faults, in the order of their ticks.
-        seed: of the random parts of the events.
-        paced: time goes on in real time when a service is missing; else it waits (lockstep).
-        progress: gets the share of the longest time of the run that has passed.
+        seed: seed of the random parts of the faults.
+        paced: True: time goes on while a service is missing; False: time waits for it (lockstep).
+        progress: called with the share of the run's longest duration that has passed, 0 to 1.
     """
     run = _conduct(scenario, events, seed, paced=paced, progress=progress)
     spoilt_only = not paced and bool(events) and {event.kind for event in events} <= set(MESSAGES)
@@ -122,7 +122,7 @@ def suffer(
 
 
 def _clean_hash(scenario: Scenario) -> str:
-    """Return the hash of a run without faults, computed once for each scenario."""
+    """Return the run hash of a scenario without faults, computed once and cached."""
     name = repr(scenario)
     if name not in _CLEAN:
         _CLEAN[name] = _conduct(scenario, (), 0, paced=False).run_hash
@@ -130,9 +130,9 @@ def _clean_hash(scenario: Scenario) -> str:
 
 
 def falls_when_held(scenario: Scenario, tick: int) -> bool:
-    """Return True if the robot falls within 3 s after its commands end at a tick, without other faults.
+    """Return True if the robot falls within 3 s after its joint commands end at a tick, without other faults.
 
-    The driver then holds the joints where they are. A robot that falls could not have been held.
+    The driver then holds the joints at their angles. If the robot falls, holding cannot prevent a fall at this tick.
     """
     lost = (ChaosEvent("freeze", tick, COMMANDER, size=math.inf),)
     return _conduct(scenario, lost, 0, paced=True, max_ticks=tick + HELD_TICKS).fell_at is not None
@@ -176,7 +176,7 @@ def _conduct(
 
 
 def _follow(system: ChaosSystem, request: ResetRequest, seed: int, progress: Callable[[float], None]) -> MemoryRun:
-    """Run a system to the end of its scenario under its faults, and return the result."""
+    """Run a system with its faults to the end of the scenario; return the result, with violations and a fall."""
     simulator = system.driver.service
     assert isinstance(simulator, Simulator)
     leader, violations, fallen = system.driver.leader, list[str](), list[int]()
@@ -207,7 +207,7 @@ def _follow(system: ChaosSystem, request: ResetRequest, seed: int, progress: Cal
 
 
 def _forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:
-    """Return a forged message with the header of a delivery and other content; None if this topic is not forged."""
+    """Return a forged delivery with the header of a real one and other content; None for a topic that is not forged."""
     message = delivery.message()
     header = (message.stamp_ns, message.tick, message.epoch, message.seq, message.source)
     if isinstance(message, JointCommand) and message.position is not None:

@@ -1,4 +1,4 @@
-"""Reduction of a failing run to the events that its failure needs (delta debugging), and a test of the result."""
+"""Reduction of a failing run to the faults that cause its failure (delta debugging), written as a pytest file."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from .events import ChaosEvent
 from .run import suffer
 
 MOST_RUNS = 200
-"""Largest number of runs to shrink one failing set of events."""
+"""Largest number of runs to reduce a failing set of faults; the reduction ends there."""
 _NUMBERS = re.compile(r"\d+(\.\d+)?")
 _TEST = '''"""A failure of `surefoot chaos`, seed {seed}, shrunk from {drawn} events to {left}: {failure}"""
 
@@ -34,32 +34,32 @@ def test_{name}() -> None:
 
 
 class Shrunk(NamedTuple):
-    """Result of the reduction of a failing run: the events that the failure needs."""
+    """Result of the reduction of a failing run to the faults that cause its failure."""
 
     events: tuple[ChaosEvent, ...]
-    """Smallest set of events that still fails: none of them can be left out."""
+    """Remaining faults, of which none can be left out without losing the failure (unless `MOST_RUNS` was reached)."""
     failure: str
-    """First violation of the run with these events."""
+    """First violation of the run with the remaining faults."""
     runs: int
-    """Number of runs that the shrinking took."""
+    """Number of runs that the reduction took."""
 
 
 def shape(violation: str) -> str:
-    """Return a violation with its numbers replaced, so that the same failure in another tick gives the same text."""
+    """Return a violation with each number replaced by #, so that a failure has one text whatever its tick."""
     return _NUMBERS.sub("#", violation)
 
 
 def shrink(events: Sequence[ChaosEvent], fail: Callable[[Sequence[ChaosEvent]], str]) -> Shrunk:
-    """Reduce a failing run: leave out events, then make the others smaller, while it fails in the same way.
+    """Reduce a failing run: leave out faults, then make the rest smaller, as long as the run fails in the same way.
 
-    Leaving out is the algorithm ddmin (Zeller & Hildebrandt, TSE 2002): after it every single event is needed.
+    Leaving out is the algorithm ddmin (Zeller & Hildebrandt, TSE 2002): after it every single fault is needed.
 
     Args:
-        events: those of the failing run.
-        fail: runs with some events, and returns the first violation, "" when there is none.
+        events: faults of the failing run.
+        fail: runs with some of the faults and returns the first violation, "" if there is none.
 
     Raises:
-        ValueError: the run with all events does not fail.
+        ValueError: the run with all faults does not fail.
     """
     failure = fail(events)
     if not failure:
@@ -86,7 +86,7 @@ def shrink(events: Sequence[ChaosEvent], fail: Callable[[Sequence[ChaosEvent]], 
 
 
 def _least(events: tuple[ChaosEvent, ...], fails: Callable[[Sequence[ChaosEvent]], bool]) -> tuple[ChaosEvent, ...]:
-    """Return a minimal subset of events that still fails: without any one of them it does not."""
+    """Return a subset of events for which `fails` is True, and is False if any one of them is removed."""
     if fails(()):
         return ()
     parts = 2
@@ -109,33 +109,33 @@ def _least(events: tuple[ChaosEvent, ...], fails: Callable[[Sequence[ChaosEvent]
 
 
 def _smaller(event: ChaosEvent) -> list[ChaosEvent]:
-    """Return smaller events of a kind, the smallest first: fewer messages, then a shorter time."""
+    """Return reduced variants of an event, the smallest first: fewer messages, then size 1 (s, or rounds)."""
     counts = [replace(event, count=count) for count in (1, 2, 4, 8) if count < event.count]
     return counts + [replace(event, size=1.0)] * (event.size > 1.0)
 
 
 def shrink_run(scenario: Scenario, events: Sequence[ChaosEvent], seed: int, *, paced: bool) -> Shrunk:
-    """Reduce the events of a failing run of a scenario in one process to those that its failure needs.
+    """Reduce the faults of a failing in-memory run of a scenario to those that cause its failure.
 
     Args:
-        scenario: what was done.
-        events: of the failing run.
-        seed: of the random parts of the events.
-        paced: time goes on in real time when a service is missing; else it waits (lockstep).
+        scenario: scenario of the run.
+        events: faults of the failing run.
+        seed: seed of the random parts of the faults.
+        paced: True: time goes on while a service is missing; False: time waits for it (lockstep).
     """
     return shrink(events, lambda some: next(iter(suffer(scenario, some, seed, paced=paced).violations), ""))
 
 
 def as_test(text: str, name: str, drawn: int, found: Shrunk, seed: int, *, paced: bool) -> str:
-    """Return a pytest file that fails until the failure is repaired.
+    """Return the text of a pytest file that fails until the failure is repaired.
 
     Args:
-        text: of the scenario file.
-        name: of the scenario.
-        drawn: number of events of the run before it was shrunk.
-        found: reduced events and their failure.
-        seed: of the random parts of the events.
-        paced: time went on in real time when a service was missing; else it waited (lockstep).
+        text: content of the scenario file.
+        name: name of the scenario.
+        drawn: number of faults of the run before its reduction.
+        found: remaining faults and their failure.
+        seed: seed of the random parts of the faults.
+        paced: True: time went on while a service was missing; False: time waited for it (lockstep).
     """
     events = "\n".join(f"    {event!r}," for event in found.events)
     named = re.sub(r"\W", "_", f"{name}_survives_seed_{seed}")
