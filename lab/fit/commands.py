@@ -1,4 +1,4 @@
-"""Command `surefoot fit`: numbers of a robot from recordings of it."""
+"""Command `surefoot fit`: parameters of a robot's navigation model from recordings of it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .result import Fitted
 
 READING = 0.3
-"""Share of the progress display, 0 to 1, that reading the recordings takes; the search takes the rest."""
+"""Share of the progress display, 0 to 1, for reading the recordings; the search for parameters has the rest."""
 
 app = typer.Typer(name="fit", help="Numbers of a robot from recordings of it.", no_args_is_help=True)
 

@@ -1,4 +1,4 @@
-"""Durations of actions, and probabilities that a landmark in view is matched, each with its interval."""
+"""Durations of actions, s, and probabilities that a landmark in view is matched, with 95 % intervals."""
 
 import math
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from .events import FRAME, Run
 from .result import Z95, Fitted, Interval
 
 FULL = 0.99
-"""Share of camera frames filled with matches, 0 to 1, above which a match probability is not determined."""
+"""Largest share of the matches that fit into the camera frames, 0 to 1; a larger observed share is reduced to it."""
 
 
 def twins(model: NavigationModel) -> list[tuple[str, ...]]:
-    """Return the action names of a model, grouped as an action and its mirror image, which share fitted values."""
+    """Return the action names of a model in groups of an action and its mirror image, which share fitted values."""
     groups: dict[tuple[str, float, float], list[str]] = {}
     for name, action in model.actions.items():
         groups.setdefault((action.kind, action.forward, abs(action.turn_deg)), []).append(name)
@@ -27,12 +27,12 @@ def twins(model: NavigationModel) -> list[tuple[str, ...]]:
 
 
 def durations(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
-    """Add to a result the durations of actions, extra times of switching between kinds, and camera frames per action.
+    """Add durations of actions, s, extra times of switching between kinds, s, and camera frames per action to a result.
 
     Args:
         runs: recordings.
         model: navigation model, which names the actions.
-        found: result, changed in place; actions that did not occur get no numbers.
+        found: result, changed in place; actions that do not occur in the recordings get no values.
     """
     samples: dict[tuple[str, str], list[float]] = {}
     for run in runs:
@@ -70,7 +70,7 @@ def durations(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> Non
 def _frames(
     runs: Sequence[Run], model: NavigationModel, found: Fitted, occurred: set[str], usual: dict[str, float]
 ) -> None:
-    """Add the number of camera frames of each action to a result: its time over the time between two frames.
+    """Add the number of camera frames during each action to a result: duration divided by the median frame interval.
 
     `occurred`: names of the actions in the recordings; `usual`: duration of each, s.
     """
@@ -94,12 +94,12 @@ def _mean(samples: Sequence[float]) -> Interval:
 
 
 def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
-    """Add to a result the probability, by action, that a landmark in view is matched; intervals are over runs.
+    """Add the probability that a landmark in view is matched, by action, to a result; intervals are over recordings.
 
-    Of images all matches count, and the density of the map's features is added: the probability depends on it.
-    A frame of other cameras holds `sight.most` landmarks at most, so the share of the matched is less than that
-    probability where many are matched. The probability p is the one at which as many as were matched are expected:
-    sum over frames of E min(Binomial(in view, p), most).
+    Of images all matches count, and the density of map features, 1/m^2, is added, on which the probability depends.
+    A frame of another camera holds at most `sight.most` landmarks, which limits the observed share. The probability p
+    is the one for which the expected number of matches, the sum over frames of E min(Binomial(in view, p), most),
+    equals the observed number.
 
     Args:
         runs: recordings.
@@ -132,9 +132,9 @@ def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
 
 
 def _probability(views: Array, total: float, most: int) -> float:
-    """Return p at which frames with `views` (n,) landmarks in view hold `total` in the mean, each at most `most`.
+    """Return the match probability at which frames with `views` (n,) landmarks in view have `total` expected matches.
 
-    A frame holds min(Binomial(in view, p), most) landmarks.
+    The number of matches in a frame is min(Binomial(in view, p), `most`).
     """
     sizes, frames = np.unique(views.astype(int), return_counts=True)
     below = np.arange(most)

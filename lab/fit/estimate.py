@@ -1,4 +1,4 @@
-"""Fit of a navigation model to recordings of a robot: likeliest noises, times, match probabilities, with intervals."""
+"""Fit of a navigation model to recordings of a robot: noises, durations, match probabilities, with 95 % intervals."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from .result import Fitted, Interval
 from .search import FittedParameter, Likelihood, Parameter, estimate
 
 LEAST = 1e-3
-"""Smallest initial standard deviation of the search, m or rad: at zero there is no gradient."""
+"""Smallest initial standard deviation of the search, m or rad; smaller ones are raised to it (zero: no gradient)."""
 DEG = math.degrees(1.0)
 LEAN = 0.3
 """Largest absolute value that the search tries for the mean pitch error of the camera, rad."""
@@ -26,19 +26,18 @@ LEAN = 0.3
 def fit(
     runs: Sequence[Run], model: NavigationModel, progress: Callable[[float, str], None] = lambda share, step: None
 ) -> Fitted:
-    """Return numbers of a navigation model fitted to the recordings of a robot, with 95 % intervals.
+    """Return parameters of a navigation model fitted to the recordings of a robot, with 95 % intervals.
 
-    Noises that the recordings do not decide within a factor of 10 are left out, and so are distances and turns that do
-    not differ from the commanded ones within their intervals. An action and its mirror image are one: the model asks
-    for equal numbers.
+    Left out are noises that the recordings do not determine within a factor of 10, and distances and turns whose
+    interval includes the commanded value. An action and its mirror image share their values, as the model requires.
 
     Args:
         runs: events and times of each recording.
-        model: begin of the search; its other numbers are not fitted.
-        progress: gets the share that is done, and its step in words.
+        model: initial values of the search; values that are not fitted are not returned.
+        progress: called with the share that is done, 0 to 1, and the present step in words.
 
     Raises:
-        SurefootError: no recordings.
+        SurefootError: `runs` is empty.
     """
     if not runs:
         raise SurefootError("invalid", "got 0 recordings, allowed are 1 or more", "recordings")
@@ -50,7 +49,7 @@ def fit(
 
 
 def group_of(action: ActionModel) -> int:
-    """Return the group of actions that share their noises: 0 on the spot, 1 straight walk, 2 arc."""
+    """Return the noise group of an action: 0 on the spot (turn, stand), 1 straight walk, 2 arc."""
     if action.kind != "walk":
         return lk.ON_THE_SPOT
     return lk.STRAIGHT if action.turn_deg == 0.0 else lk.ARC
@@ -64,7 +63,7 @@ def _occurring(runs: Sequence[Run], model: NavigationModel) -> set[int]:
 
 
 def _begin(model: NavigationModel) -> Array:
-    """Return the likelihood's parameters by the numbers of the model, (21,), SI; noises to be fitted are above 0."""
+    """Return the initial parameter vector of the likelihood from the values of a model, (21,), SI units."""
     found = {group_of(action): action for action in reversed(model.actions.values()) if action.kind != "stand"}
     walk, turn = found.get(lk.STRAIGHT) or found[lk.ARC], found[lk.ON_THE_SPOT]
     arc = found.get(lk.ARC, walk)
@@ -81,7 +80,7 @@ def _begin(model: NavigationModel) -> Array:
 
 
 def _parameters(runs: Sequence[Run], model: NavigationModel) -> list[Parameter]:
-    """Return the parameters to fit: those of the model that the recordings can show."""
+    """Return the parameters to fit: those that the recordings contain information on."""
     groups = _occurring(runs, model)
     stood = any((run.events[run.events[:, 0] == 2.0, 5] > 0.0).any() for run in runs)
     of = {g: [n for n, a in model.actions.items() if a.kind != "stand" and group_of(a) == g] for g in range(3)}
@@ -146,7 +145,7 @@ def _noises(runs: Sequence[Run], model: NavigationModel, found: Fitted, progress
 
 
 def _number(model: NavigationModel, key: str, item: Parameter, value: FittedParameter) -> Interval:
-    """Return a parameter in the unit of its dotted key; ways and turns are parts of what was commanded."""
+    """Return a fitted parameter in the unit of its model key; distance and turn in those of the action."""
     _, _, rest = key.partition("actions.")
     name, _, field = rest.partition(".")
     factor = item.factor

@@ -1,4 +1,4 @@
-"""A recording of a navigating robot as a sequence of motions and sightings. No truth is read."""
+"""Recording of a navigating robot as a sequence of motions and landmark sightings; no ground truth is read."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -24,15 +24,15 @@ KEYS = ("navigator/order", "state/gait", "state/pose", "hw/landmarks", "terrain/
 IMAGES = "state/landmarks"
 """Key of the landmarks that vision recognised; if it is recorded, it is read in place of `hw/landmarks`."""
 MOVE, FRAME, SEE = 0.0, 1.0, 2.0
-"""Kinds of event, column 0 of an event; further columns: `MOVE`: action, share of it; `FRAME`: s since the last
-frame; `SEE`: landmark x and y (m, map), range (m), bearing (rad), 1 = robot stands, 0 = it walks."""
+"""Kind of an event, its column 0; further columns: `MOVE`: index of the action, share of the action; `FRAME`: time since the
+last frame, s; `SEE`: landmark x, y (m, map), range (m), bearing (rad), 1 = the robot stands, 0 = it walks."""
 COLUMNS = 6
 SAME_TURN = math.radians(2.0)
 SAME_WAY = 0.02
 STANDING = ("standing", "waiting", "hold")
 """States of the gait in which the robot stands on its feet."""
 GATE_WIDER = 1.5
-"""Factor on the model's standard deviations while landmarks are matched, since the model is still to be fitted."""
+"""Factor on the model's range and bearing standard deviations for landmark matching, as they are not fitted yet."""
 
 
 @dataclass
@@ -40,14 +40,15 @@ class Run:
     """Content of one recording of a navigating robot: motions, sightings and times.
 
     Attributes:
-        path: file.
-        start: x, y, yaw at the beginning, m and rad, map.
-        events: (n, 6): motions (0, action, share), frames (1, s since the last), sightings (2, landmark x, y, range m,
-            bearing rad, 1 if standing).
-        durations: per (kind before, action) the times of the action, s.
-        halts: per kind of action the times from its last landing until the robot stands, s.
-        frames: per action name rows (landmarks in view, matched) of each frame; of an image all that it shows count.
-        density: features of the map per m^2 where the frames are images, else 0.
+        path: MCAP file.
+        start: pose at the beginning: x, y (m), yaw (rad), map.
+        events: (n, 6): motions (0, action, share), frames (1, s since the last), sightings (2, landmark x, y, m, map,
+            range, m, bearing, rad, 1 if standing).
+        durations: durations of each action, s, by (kind of the previous action, name of the action).
+        halts: times from the last landing of a walk or turn until the robot stands, s, by kind of action.
+        frames: (landmarks in view, landmarks matched) of each camera frame, by action name; of an image, recognised
+            landmarks count as matched.
+        density: density of landmarks in the map, 1/m^2, if the frames are images, else 0.
     """
 
     path: Path
@@ -60,12 +61,12 @@ class Run:
 
 
 def read_run(path: Path, model: NavigationModel, world: FloorLandmarks | None = None) -> Run:
-    """Return motions, sightings and times of a recording.
+    """Return motions, landmark sightings and times of a recording.
 
     Args:
         path: MCAP file with the topics `KEYS`; state/landmarks may stand for hw/landmarks.
-        model: navigation model: names of the actions, and noises by which matches are gated.
-        world: map; None = terrain/landmarks of the recording.
+        model: navigation model: its actions, and the noises for the gate of landmark matches.
+        world: landmark map; None = that of the topic terrain/landmarks in the recording.
 
     Raises:
         SurefootError: the file cannot be read, lacks one of the topics, or no landmark matches the map.
@@ -98,14 +99,14 @@ class _RunReader:
         self.taken = 0
         """Sequence number of the last action order that the walker started."""
         self.under_way: list[tuple[Motion, int, float]] = []
-        """Pieces of the execution: motion, index of the action, share of that action, 0..1."""
+        """Motions being executed: motion, index of its action, its turn as a multiple of the action's (1 = whole)."""
         self.now, self.frame_at = 0.0, 0.0
         self.standing, self.started, self.unknown = True, False, False
         self.landing: tuple[str, float] | None = None
-        """Kind of the action under way, and the time at which its step lands, s."""
+        """Kind of the action under way, and the time of its last landing, s; None = the robot stands."""
 
     def read(self, messages: list[Any]) -> Run:
-        """Process all messages of a recording in the order of their ticks, and return its run."""
+        """Process all messages of a recording in the order of their ticks; return its motions, sightings and times."""
         decoded = [(item.key, item.message()) for item in messages]
         order = ("terrain/landmarks", "state/pose", "state/gait", "hw/landmarks", IMAGES)
         rank = {key: i for i, key in enumerate(order)}
@@ -137,7 +138,7 @@ class _RunReader:
             self.unknown = self.unknown or (moves and self.order[1] is None)
 
     def _act(self, command: Any) -> Act | None:
-        """Return the action of a command: one of the model, or a part or multiple of a turn on the spot."""
+        """Return the model's action for a command, or a scaled turn on the spot; None if no action matches."""
         turn = command.angle or 0.0
         for act in self.acts:
             same = abs(turn - act.motion.turn) < SAME_TURN
@@ -179,7 +180,7 @@ class _RunReader:
         return next((index, share) for own, index, share in self.under_way if own is motion)
 
     def _time(self, act: Act, ends_in: float | None, *, whole: bool) -> None:
-        """Record the duration of an action as planned when the walker starts it; `ends_in`: time to its end, s."""
+        """Record the planned duration of a `whole` action, s; `ends_in`: time to its end, s, None = unknown."""
         if ends_in is None:
             self.landing = None
             return
@@ -224,7 +225,7 @@ class _RunReader:
             self.run.frames.setdefault(name, []).append((visible, count))
 
     def _name(self) -> str:
-        """Return the name of the action during which a camera frame was taken; empty: the model has no such action."""
+        """Return the name of the action during which the present camera frame was taken; empty if there is none."""
         if self.standing:
             return next((act.name for act in self.acts if act.kind == "stand"), "")
         pieces = self.execution.pieces
@@ -232,7 +233,7 @@ class _RunReader:
 
 
 def in_view(mean: Array, world: FloorLandmarks, model: NavigationModel) -> int:
-    """Return the number of landmarks in the camera's footprint at a pose `mean`: x, y (m), heading (rad), (3,), map."""
+    """Return the number of landmarks in the camera's field of view at a pose `mean` = x, y (m), heading (rad), map."""
     sight = model.sight
     away = world.positions - mean[:2]
     r = np.hypot(away[:, 0], away[:, 1])

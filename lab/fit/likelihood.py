@@ -1,9 +1,9 @@
-"""Likelihood of a run under given noises: the product of the densities of the filter's innovations.
+"""Likelihood of a recording under given noises: the product of the densities of the filter's innovations.
 
 -2 ln L = sum over sightings of nu^T S^-1 nu + ln det S + 2 ln 2 pi, nu the innovation of range and bearing and S its
 covariance, both by the unscented filter that the navigator runs (prediction error decomposition; Harvey 1989). The
-effect of a tilt is computed at the predicted place of a landmark: at the place seen, whose noise a mean tilt scales,
-the noise of ranges would come out 12 % too small for 2 deg.
+effect of a tilt is computed at the predicted position of a landmark; at the observed one, whose noise a mean tilt
+scales, the fitted noise of ranges would be 12 % too small for 2 deg.
 """
 
 import math
@@ -32,11 +32,11 @@ def _move(event: Array, actions: Array, theta: Array, mean: Array, cov: Array, n
     """Predict the filter's mean and covariance over a share of an action, in place.
 
     Args:
-        event: kind, number of the action, share of the action 0..1, (6,).
-        actions: way m, turn rad, group (0 on the spot, 1 straight, 2 arc) of each action, (a, 3).
+        event: motion, (6,): kind, index of the action, share of the action, then unused columns.
+        actions: forward distance (m), turn (rad), group (0 on the spot, 1 straight, 2 arc) of each action, (A, 3).
         theta: parameters, (21,), SI: noises, factors and biases at the indices of this module.
         mean: belief, (n,): x, y m, heading rad (map), drift rad/m, then errors of pitch, roll (rad) and sway (m).
-        cov: its covariance, (n, n).
+        cov: covariance of the belief, (n, n).
         noise: scratch, (4,).
         work: scratch, (3 n, max(n, 4)).
     """
@@ -57,15 +57,15 @@ def _move(event: Array, actions: Array, theta: Array, mean: Array, cov: Array, n
 
 @free_kernel
 def _see(event: Array, theta: Array, height: float, mean: Array, cov: Array, gain: Array, work: Array) -> float:
-    """Correct the belief with a sighting of a landmark, in place; return -ln of its density.
+    """Correct the belief with a sighting of a landmark, in place; return -ln of the sighting's density.
 
     Args:
-        event: kind, x and y of the landmark (m, map), range (m), bearing (rad), 1 if standing, (6,).
+        event: sighting, (6,): kind, x and y of the landmark (m, map), range (m), bearing (rad), 1 if standing.
         theta: parameters, (21,), SI: noises, factors and biases at the indices of this module.
-        height: of the camera, m.
+        height: height of the camera above the ground, m.
         mean: belief, (n,): x, y m, heading rad (map), drift rad/m, then errors of pitch, roll (rad) and sway (m).
-        cov: its covariance, (n, n).
-        gain: scratch for the effect of these errors on range and bearing, (2, n - 4).
+        cov: covariance of the belief, (n, n).
+        gain: scratch for the effect of pitch, roll and sway errors on range and bearing, (2, n - 4).
         work: scratch, (3 n, max(n, 4)).
     """
     n, r = mean.size, event[3]
@@ -88,17 +88,17 @@ def _see(event: Array, theta: Array, height: float, mean: Array, cov: Array, gai
 def minus_log_likelihood(
     events: Array, actions: Array, start: Array, sd_start: Array, theta: Array, height: float, fades: Array
 ) -> float:
-    """Return -ln L of one run, nats: how unlikely its sightings are under given parameters.
+    """Return the negative log-likelihood of the sightings of one recording under given parameters, nats.
 
     Args:
-        events: motions (0, action, share), frames (1, s since the last), sightings (2, x, y, range, bearing, standing),
-            (n, 6).
+        events: motions (0, action, share), frames (1, s since the last), sightings (2, landmark x, y (m, map), range
+            (m), bearing (rad), 1 if standing), (n, 6).
         actions: forward (m), turn (rad) and group (0 on the spot, 1 straight, 2 arc) of each action, (A, 3).
         start: x, y (m) and yaw (rad) at the start, map, (3,).
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
         theta: parameters, (21,), SI: noises, factors and biases at the indices of this module.
-        height: of the camera, m.
-        fades: time constants of tilt and sway, s, (2,); 0 = independent from frame to frame.
+        height: height of the camera above the ground, m.
+        fades: time constants of tilt and sway errors, s, (2,); 0 = independent from frame to frame.
     """
     n = NUISANCE + ERRORS if theta[TILT] > 0.0 or theta[SWAY] > 0.0 else NUISANCE
     mean, cov, gain, noise = np.zeros(n), np.zeros((n, n)), np.zeros((2, n - NUISANCE)), np.zeros(4)
@@ -130,17 +130,17 @@ def minus_log_likelihood(
 def minus_log_likelihoods(
     events: Array, actions: Array, start: Array, sd_start: Array, thetas: Array, height: float, fades: Array
 ) -> Array:
-    """Return -ln L of one run, nats, under each of m sets of parameters, (m,).
+    """Return the negative log-likelihood of one recording, nats, under each of m sets of parameters, (m,).
 
     Args:
-        events: motions (0, action, share), frames (1, s since the last), sightings (2, x, y, range, bearing, standing),
-            (n, 6).
+        events: motions (0, action, share), frames (1, s since the last), sightings (2, landmark x, y (m, map), range
+            (m), bearing (rad), 1 if standing), (n, 6).
         actions: forward (m), turn (rad) and group (0 on the spot, 1 straight, 2 arc) of each action, (A, 3).
         start: x, y (m) and yaw (rad) at the start, map, (3,).
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
-        thetas: parameters, SI, (m, 21).
-        height: of the camera, m.
-        fades: time constants of tilt and sway, s, (2,); 0 = independent from frame to frame.
+        thetas: parameter vectors, (m, 21), SI: noises, factors and biases at the indices of this module.
+        height: height of the camera above the ground, m.
+        fades: time constants of tilt and sway errors, s, (2,); 0 = independent from frame to frame.
     """
     out = np.empty(thetas.shape[0])
     for i in range(thetas.shape[0]):

@@ -1,4 +1,4 @@
-"""Reduction of the events of a recording: motions between two sightings are joined, frames without one add time."""
+"""Reduction of the events of a recording: motions, and frames, between two landmark sightings are joined."""
 
 import numpy as np
 
@@ -11,15 +11,15 @@ WHOLE = 1.0 + 1e-9
 def merged(events: Array) -> Array:
     """Return the events of a recording, with motions and frames between two sightings joined.
 
-    Motions of one action in a row become one motion, up to the whole action: the filter's prediction turns half-way
-    through, so that many short ones and a long one differ by noise only in the second order. Errors that fade by exp(-t
-    / fade) fade over the sum of the times; frames without a sighting only add to it.
+    Successive motions of one action become one motion, up to the whole action: the filter's prediction uses the heading
+    at half of a motion, so that the result differs only by second-order terms of the noise. Camera errors that decay
+    with exp(-t / fade) decay over the sum of the frame times.
 
     Args:
         events: motions (0, action, share), frames (1, s since the last) and sightings (2, ...) of a recording, (n, 6).
 
     Returns:
-        The joined events, (m, 6), m <= n; what follows the last sighting is left out.
+        The joined events, (m, 6), m <= n; events after the last sighting are left out.
     """
     out: list[Array] = []
     moves: list[Array] = []

@@ -1,4 +1,4 @@
-"""Fitted model as a TOML file, with the interval of each number as a comment."""
+"""Fitted navigation model as a TOML file, with the 95 % interval of each value as a comment."""
 
 import os
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ from .result import Fitted, Interval
 
 
 def fitted_toml(found: Fitted, base: str, recordings: Sequence[str]) -> str:
-    """Return the TOML text of a model that extends the model `base` by the fitted numbers.
+    """Return the TOML text of a navigation model that extends the model `base` by the fitted values.
 
     Args:
-        found: fitted numbers by dotted key.
-        base: name or file of the model that gives the rest.
+        found: fitted values by dotted key.
+        base: name or file of the model from which all other values are taken.
         recordings: names of the recordings.
     """
     tables: dict[str, list[str]] = {"": [f'extends = "{base}"', 'name = "fitted"']}
@@ -30,11 +30,11 @@ def fitted_toml(found: Fitted, base: str, recordings: Sequence[str]) -> str:
 
 
 def check_out(out: Path, base: str) -> None:
-    """Raise SurefootError for a name of the fitted model that is not *.toml, or that of its base.
+    """Raise SurefootError if the file of the fitted model does not end in .toml, or is the file of its base model.
 
     Args:
         out: file to write.
-        base: model that it will extend, name or file.
+        base: name or file of the model that it will extend.
     """
     if out.suffix != ".toml":
         raise SurefootError("invalid", f"got {str(out)!r}, allowed is a file *.toml", "out")
@@ -43,10 +43,10 @@ def check_out(out: Path, base: str) -> None:
 
 
 def write_model(found: Fitted, base: str, recordings: Sequence[str], out: Path) -> NavigationModel:
-    """Write the fitted model, if it can be loaded, and return it; an existing file stays if it cannot.
+    """Write the fitted model and return it; an existing file stays unchanged if the model is invalid.
 
     Raises:
-        ConfigError: the numbers make no model; nothing is written.
+        ConfigError: the values make no valid model; nothing is written.
     """
     if base.endswith(".toml"):
         base = Path(os.path.relpath(base, out.parent)).as_posix()

@@ -19,26 +19,26 @@ from .merged import merged
 from .result import Z95
 
 STEP = 1e-3
-"""Step of the finite differences for gradient and curvature, in the unit of the searched parameter (often a
-logarithm)."""
+"""Step of the finite differences for gradient and curvature of -ln L, in the unit of the search coordinate (the
+parameter, or its natural logarithm if it is positive)."""
 IMPOSSIBLE = 1e12
 """Negative log-likelihood assigned to parameters under which the filter fails numerically."""
 LOWEST, HIGHEST = math.log(1e-5), 3.0
-"""Bounds `LOWEST` and `HIGHEST` of the natural logarithm of the standard deviations, m or rad, that are searched."""
+"""`LOWEST`, `HIGHEST`: bounds of the search in the natural logarithm of a positive parameter (SI units)."""
 FACTOR = 10.0
-"""Factor between a value and an end of its 95 % interval above which the value counts as not determined."""
+"""Ratio of a positive value to an end of its 95 % interval above which the value counts as not determined."""
 ENOUGH = 0.5 * Z95**2
 """Drop of the log-likelihood from its maximum at the ends of a 95 % interval, nats."""
 EVALUATIONS, MOST_SHOWN = 270, 0.95
 """`EVALUATIONS`: typical number of gradient evaluations of a search; `MOST_SHOWN`: largest progress reported before
 its end, share."""
 CENTRE = 0.41
-"""Mean of a half-normal density over its 95 % bound: ratio of a noise that may be zero to its upper bound."""
+"""Ratio of fitted value to upper 95 % bound for a noise that may be zero, as mean to bound of a half-normal density."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """Parameter of the likelihood that is searched for, with its keys, unit and bounds."""
+    """Parameter of the likelihood that is fitted: index, model keys, unit factor and bounds."""
 
     index: int
     """Index of the parameter in the vector of the likelihood, 0 to 20."""
@@ -47,19 +47,19 @@ class Parameter:
     factor: float = 1.0
     """Factor from SI units to the unit in which the navigation model states the parameter."""
     bounds: tuple[float, float] | None = None
-    """Bounds of the search; None = the parameter is positive, its logarithm is searched."""
+    """Bounds of the search, SI units; None = the parameter is positive and searched by its logarithm."""
     as_commanded: float | None = None
-    """Value of the parameter for a robot that moves exactly as commanded; None = there is no such value."""
+    """Value of the parameter for a robot that moves exactly as commanded; None = not a distance or turn factor."""
 
     @property
     def positive(self) -> bool:
-        """True if the parameter is positive and the search runs over its logarithm."""
+        """True: the parameter is positive and searched by its logarithm; False: it is searched within its bounds."""
         return self.bounds is None
 
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """Fitted parameter and its 95 % interval, SI units."""
+    """Fitted parameter and the ends of its 95 % interval, SI units."""
 
     value: float
     low: float
@@ -69,14 +69,14 @@ class FittedParameter:
 class Likelihood:
     """Negative log-likelihood -ln L of all recordings under many parameter sets at once, computed on all cores.
 
-    A context manager, at whose end its threads end.
+    A context manager, which ends the threads on exit.
 
     Args:
         runs: recordings.
         actions: forward (m), turn (rad), group (0 on the spot, 1 straight, 2 arc) of each action, (A, 3).
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
-        height: of the camera, m.
-        fades: time constants of tilt and sway, s, (2,).
+        height: height of the camera above the ground, m.
+        fades: time constants of tilt and sway errors, s, (2,).
     """
 
     def __init__(self, runs: Sequence[Run], actions: Array, sd_start: Array, height: float, fades: Array) -> None:
@@ -108,17 +108,17 @@ class Likelihood:
 
 
 class _Surface:
-    """Value -ln L as a function of P searched coordinates: logarithms of positive parameters, others as they are."""
+    """Negative log-likelihood over P search coordinates: the logarithm of a positive parameter, else the parameter."""
 
     def __init__(self, likelihood: Likelihood, theta: Array, wanted: Sequence[Parameter]) -> None:
         self.likelihood, self.theta, self.wanted = likelihood, theta, wanted
 
     def coordinates(self) -> Array:
-        """Return the present parameters as coordinates, (P,)."""
+        """Return the searched entries of the parameter vector `theta` as search coordinates, (P,)."""
         return np.array([math.log(self.theta[i.index]) if i.positive else self.theta[i.index] for i in self.wanted])
 
     def full(self, x: Array) -> Array:
-        """Return the parameters (m, 21), SI, of coordinates `x` (m, P)."""
+        """Return the parameter vectors (m, 21), SI, at search coordinates `x` (m, P)."""
         out = np.tile(self.theta, (len(x), 1))
         for column, item in zip(x.T, self.wanted, strict=True):
             out[:, item.index] = np.exp(np.clip(column, LOWEST - 1.0, HIGHEST + 1.0)) if item.positive else column
@@ -129,7 +129,7 @@ class _Surface:
         return self.likelihood(self.full(x))
 
     def slopes(self, x: Array) -> Array:
-        """Return the gradient of -ln L of each of R recordings at coordinates x (P,) by central differences, (R, P)."""
+        """Return the gradient (R, P) of -ln L of each of R recordings at coordinates x (P,) by central differences."""
         steps = STEP * np.eye(len(x))
         ends = self.likelihood.each(self.full(np.concatenate([x + steps, x - steps])))
         return (ends[:, : len(x)] - ends[:, len(x) :]) / (2.0 * STEP)
@@ -141,7 +141,7 @@ class _Surface:
         return float(all_of[0]), (all_of[1 : len(x) + 1] - all_of[len(x) + 1 :]) / (2.0 * STEP)
 
     def curvature(self, x: Array) -> Array:
-        """Return the matrix of second derivatives of -ln L at coordinates x (P,) by central differences, (P, P)."""
+        """Return the Hessian (P, P) of -ln L at coordinates x (P,) by central differences."""
         n, e = len(x), STEP * np.eye(len(x))
         pairs = [(i, j) for i in range(n) for j in range(i + 1)]
         signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -162,17 +162,17 @@ def estimate(
 ) -> tuple[dict[int, FittedParameter], float]:
     """Return the maximum-likelihood parameters by index, and the gain of the log-likelihood over `theta`, nats.
 
-    A noise that is not known within a factor of 10, and a distance or turn that does not differ from the commanded one,
-    get the value of theta again and are left out of the result; the rest is searched anew. The interval of a noise that
-    does not differ from zero begins at zero. A noise without a likeliest value, but smaller than in theta, has an
-    interval that ends where the likelihood has fallen by 1.92 nats.
+    A noise that is not known within a factor of 10, and a distance or turn whose interval includes the commanded one,
+    are set back to `theta` and left out of the result; the search is repeated with the rest. The interval of a noise
+    that does not differ from zero begins at zero. For a noise without a maximum of the likelihood, but below `theta`,
+    the interval ends where the log-likelihood is 1.92 nats below its maximum.
 
     Args:
-        likelihood: -ln L of all recordings.
-        theta: begin of the search, (21,), SI.
-        wanted: parameters that are searched; the others stay as in theta.
-        sightings: scale of -ln L, so that the line search takes sensible steps.
-        progress: gets the share that is done, by the usual number of evaluations.
+        likelihood: negative log-likelihood of all recordings.
+        theta: initial parameter vector of the search, (21,), SI.
+        wanted: parameters that are searched; all others keep their value in `theta`.
+        sightings: number of sightings, by which -ln L is divided for the line search.
+        progress: called with the share that is done, 0 to 1, estimated by the usual number of evaluations.
     """
     before = float(likelihood(theta[None])[0])
     first, small, searched = theta.copy(), dict[int, FittedParameter](), list(wanted)
@@ -224,10 +224,10 @@ def _minimum(surface: _Surface, scale: int, note: Callable[[], None]) -> tuple[A
 
 
 def _known(item: Parameter, x: float, sigma: float) -> bool:
-    """Return True if a coordinate x, standard deviation `sigma`, is known: a noise within a factor of 10.
+    """Return True if search coordinate x with standard deviation `sigma` is determined: a noise within a factor of 10.
 
-    A way or turn is known if it differs from the commanded one within its 95 % interval, another parameter if that
-    interval is narrower than its bounds.
+    A distance or turn is determined if its 95 % interval excludes the commanded one, another bounded parameter if it is
+    inside its bounds and its interval is narrower than they are.
     """
     if item.bounds is None:
         return Z95 * sigma <= math.log(FACTOR) and x > LOWEST + STEP
@@ -238,16 +238,17 @@ def _known(item: Parameter, x: float, sigma: float) -> bool:
 
 
 def _rise(surface: _Surface, best: Array, value: float, k: int, x: float) -> float:
-    """Return the rise of -ln L above `value`, nats, when coordinate k of the point `best` (P,) is set to x."""
+    """Return the increase of -ln L over `value`, nats, if coordinate k of the point `best` (P,) is set to x."""
     point = best.copy()
     point[k] = x
     return float(surface.values(point[None])[0]) - value
 
 
 def _upper_end(surface: _Surface, best: Array, value: float, k: int, first: float) -> float | None:
-    """Return where the likelihood of a positive parameter has fallen by 1.92 nats, if below its first value, else None.
+    """Return the value of a positive parameter at which ln L is 1.92 nats below its maximum; None if beyond `first`.
 
-    `best` (P,): maximum, coordinates; `value`: -ln L there; `k`: coordinate of the parameter; `first`: its first value.
+    `best` (P,): coordinates of the maximum; `value`: -ln L there; `k`: index of the parameter's coordinate; `first`:
+    initial value of the parameter, SI.
     """
 
     def above(x: float) -> float:
@@ -260,15 +261,15 @@ def _upper_end(surface: _Surface, best: Array, value: float, k: int, first: floa
 
 
 def deviations(curvature: Array, slopes: Array) -> Array:
-    """Return the standard deviations of the maximum-likelihood parameters, (P,), the larger of two estimates.
+    """Return the standard deviations of the maximum-likelihood coordinates, (P,), the larger of two estimates.
 
-    H^-1, right if the model is right, and R / (R - 1) H^-1 (sum_r g_r g_r^T) H^-1, which also counts differences
-    between the recordings that the model does not describe (White 1982; clusters are recordings). Unknown directions
-    get 5.
+    Covariances are H^-1, valid if the model is correct, and R / (R - 1) H^-1 (sum_r g_r g_r^T) H^-1, which includes
+    differences between recordings that the model does not describe (White 1982, one cluster per recording).
+    Eigenvalues of H are at least 0.04, so that a direction without information has a standard deviation of 5.
 
     Args:
-        curvature: H, of -ln L, (P, P).
-        slopes: g_r, gradient of each recording at the minimum, (R, P).
+        curvature: H, Hessian of -ln L, (P, P).
+        slopes: g_r, gradient of -ln L of each recording at the minimum, (R, P).
     """
     values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
     inverse = (vectors / np.maximum(values, 0.04)) @ vectors.T

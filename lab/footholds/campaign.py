@@ -1,7 +1,7 @@
-"""Campaigns of walks with random footholds, whose stances become samples in an append-only file.
+"""Campaigns of simulated walks with random footholds, whose stances become samples in an append-only file.
 
-One process writes, any number walk: a worker that dies costs no trial, as a trial counts only with its last line.
-A campaign that is started again with the same file does the trials it lacks.
+One process writes, any number simulate. A trial counts only once its last line is written, so a worker that dies
+loses none. A campaign that is started again with the same file runs the trials that the file lacks.
 """
 
 import itertools
@@ -24,23 +24,23 @@ from .rules import exploring_rule, model_rule, random_rule
 from .walks import ChosenStance, JoinedWalk, Setting
 
 RESTARTS = 3
-"""Number of times that a pool of worker processes is replaced after one of its workers died."""
+"""Largest number of times that a pool of worker processes is replaced after the death of a worker."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Settings of one walk of a campaign: seed, conditions, and the choice of footholds."""
+    """Settings of one simulated walk of a campaign: seed, conditions, and the choice of footholds."""
 
     seed: int
     setting: Setting
     model: str = ""
     """Path of the slip model that chooses footholds; empty = every foothold is random."""
     explore: float = 1.0
-    """Share of the steps with a random foothold, 0 to 1, where a slip model chooses the others."""
+    """Share of steps with a random foothold, 0 to 1; the slip model of `model` chooses the other footholds."""
 
     @property
     def name(self) -> str:
-        """Name of the trial in the sample file: equal names are equal walks."""
+        """Name of the trial in the sample file; two trials of one name are the same walk."""
         s = self.setting
         amplitude = "" if s.amplitude is None else f"-{s.amplitude:g}"
         rule = "" if not self.model else f"-{Path(self.model).stem}-{self.explore:g}"
@@ -58,7 +58,7 @@ def planned(
 
 
 def walked(trial: Trial) -> list[StanceSample]:
-    """Run the walk of a trial and return a sample for each of its stances."""
+    """Simulate the walk of a trial and return a learning sample for each of its stances."""
     rule = random_rule(trial.seed)
     if trial.model:
         rule = exploring_rule(trial.seed, trial.explore, model_rule(load(trial.model), SelectParams()))
@@ -73,7 +73,7 @@ def walked(trial: Trial) -> list[StanceSample]:
 def sample_of(stance: ChosenStance, ground: FootholdGround, trial: str) -> StanceSample:
     """Return a stance as a learning sample: ground coefficients K1 to K4 of its cell, slip and load.
 
-    `ground`: the map on which the foothold was chosen; `trial`: name of the trial.
+    `ground`: map on which the foothold was chosen; `trial`: name of the trial.
     """
     return sample_at(
         ground, stance.planned, stance.nominal, stance.stroke, stance.sliding, (trial, stance.leg, stance.step),
@@ -117,9 +117,9 @@ def collect(
 
     Args:
         trials: all trials of the campaign.
-        out: the sample file.
-        jobs: number of walks at a time, each in a process.
-        show: called with each trial that is done and its number of samples.
+        out: sample file.
+        jobs: number of walks simulated in parallel, each in a process.
+        show: called with each finished trial and its number of samples.
     """
     done = read(out)[1] if out.exists() else {}
     missing = [trial for trial in trials if trial.name not in done]
@@ -131,7 +131,7 @@ def collect(
 
 
 def _walks(trials: Sequence[Trial], jobs: int) -> Iterator[tuple[Trial, list[StanceSample]]]:
-    """Yield the samples of trials as they finish; a pool that has lost a worker is replaced."""
+    """Yield each trial with its samples as it finishes; a process pool that has lost a worker is replaced."""
     if jobs <= 1:
         for trial in trials:
             yield trial, walked(trial)

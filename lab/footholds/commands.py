@@ -321,19 +321,19 @@ def score(
 
 
 class _Count(Progress):
-    """Counter of a campaign: reports its progress, and a line at its end."""
+    """Counter of the trials of a campaign: reports progress, and a summary line at the end."""
 
     def __init__(self, out: Path, trials: int = 0, reads: Iterable[Path] = ()) -> None:
         super().__init__(out.name, f"what is done is in {out}, and the same command goes on from there", reads=reads)
         self.trials, self.out, self.done, self.samples = trials, out, 0, 0
 
     def show(self, name: str, stances: int) -> None:
-        """Report a completed trial of a campaign as progress."""
+        """Count a completed trial with its number of stances, and report the progress of the campaign."""
         self.done, self.samples = self.done + 1, self.samples + stances
         self.at(self.done / self.trials, f"{self.done} of at most {self.trials}: {name}, {stances} stances")
 
     def write(self, did: dict[str, int], json: bool) -> None:
-        """Print the number of completed trials, labelled with the campaign's verb, and the number of samples."""
+        """Print the number of completed trials, `did` (verb to number), and of samples, as a line or as JSON."""
         if json:
             write_json({"out": str(self.out), "trials": self.trials, **did, "samples": self.samples})
             return

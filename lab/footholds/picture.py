@@ -1,4 +1,4 @@
-"""Drawings of a slip model: predicted slip P over ground coefficients K1 and K2, samples, and a scored map."""
+"""Drawings of a slip model: predicted slip P (per stroke) over ground coefficients K1, K2, samples, a scored map."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +14,7 @@ SIZE = 201
 
 
 def surface(model: LearnedModel, cos_k3: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return K1 (n,), K2 (n,) in mm and the slip P (n, n) over them, NaN outside |K1| <= K2 or the learned range."""
+    """Return K1 (n,), K2 (n,), mm, and slip per stroke P[K2, K1] (n, n), NaN if |K1| > K2 or not learned."""
     scale = 8.0 * model.conditions.cell
     (low1, high1), (_, high2), _ = model.ranges
     k1, k2 = np.linspace(low1, high1, SIZE) * scale, np.linspace(0.0, high2, SIZE) * scale
@@ -26,7 +26,7 @@ def surface(model: LearnedModel, cos_k3: float = 0.0) -> tuple[np.ndarray, np.nd
 
 
 def draw(model: LearnedModel, path: Path) -> Path:
-    """Draw the predicted slip P for cos K3 = 0 and the samples of each bin; return the path."""
+    """Draw the predicted slip per stroke P at cos K3 = 0, and the number of samples per bin; return the path."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -51,10 +51,10 @@ def draw_scored(layers: Mapping[str, np.ndarray], cell: float, origin: tuple[flo
     """Draw heights, predicted slip P, support and masked cells of a scored map; return the path.
 
     Args:
-        layers: z, p, support, mask, (ny, nx) each.
-        cell: edge of a cell, m.
-        origin: centre of the first cell, m.
-        path: a PNG, or another kind of picture by its ending.
+        layers: z (m), p (slip per stroke), support, mask, (ny, nx) each.
+        cell: edge length of a cell, m.
+        origin: x, y of the centre of the first cell, m, map frame.
+        path: picture to write; its suffix gives the format, e.g. .png.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure

@@ -1,8 +1,8 @@
 """Campaigns of ground primitives (Walas & Belter 2011, section 3.1), shared among simulators on the network.
 
-A batch of trials goes to the next worker that is free. The batch of a worker that fails goes to another one, and that
-worker gets no more. Only this process writes the file, whole trials only, so that no trial counts twice. The name of
-a trial determines its result, on every worker.
+A batch of trials goes to the next free worker. The batch of a failed worker goes to another one, and the failed worker
+gets no more. Only this process writes the sample file, complete trials only, so that no trial counts twice. The name
+of a trial determines its result on every worker.
 """
 
 import itertools
@@ -30,26 +30,26 @@ from .campaign import append, read
 
 PRIMITIVES: tuple[Primitive, ...] = get_args(Primitive)
 HEIGHTS = (0.01, 0.02, 0.03, 0.04)
-"""Heights of the ground primitives, m (Walas & Belter 2011, section 3.1); flat ground is tried once."""
+"""Heights of the ground primitives, m (Walas & Belter 2011, section 3.1); flat ground has one trial only."""
 YAW_STEP = math.radians(45.0)
 SYMMETRY: dict[Primitive, int] = {"flat": 1, "slope": 8, "edge": 8, "hill": 1, "ridge": 4, "hole": 1, "groove": 4}
-"""Number of headings, 45 deg apart, under which each ground primitive is distinct."""
+"""Number of distinct headings, in steps of 45 deg, of each ground primitive (1 = rotationally symmetric)."""
 BATCH = 4
-"""Number of trials in one request to a worker; they are lost if the worker dies."""
+"""Number of trials in one request to a worker; if the worker fails, the batch goes to another one."""
 Worker = Callable[[ExperimentRequest], ExperimentReply]
-"""Function of a request for trials that returns their outcomes, or raises SurefootError if it fails."""
+"""Function that simulates the trials of a request and returns their outcomes; raises SurefootError if it fails."""
 
 
 @dataclass(frozen=True)
 class PrimitiveJob:
-    """Trial of a campaign of ground primitives, with the robot that does it."""
+    """Trial of a campaign of ground primitives, and the robot that is simulated in it."""
 
     robot: Robot
     trial: PrimitiveTrial
 
     @cached_property
     def name(self) -> str:
-        """Name of the trial in the sample file: equal names are equal trials."""
+        """Name of the trial in the sample file; two jobs of one name are the same trial."""
         t = self.trial
         where = f"{t.primitive}-{t.height:g}-{math.degrees(t.yaw):.0f}-{t.offset:g}-{math.degrees(t.offset_yaw):.0f}"
         return f"{self.robot.name}-{where}-{t.friction:g}-{t.noise:g}-{t.stance}-{t.stroke:g}-{t.seed}"
@@ -63,14 +63,14 @@ def paper_trials(
     frictions: Sequence[float] = (0.5,), noise: float = 0.0, seeds: Sequence[int] = (0,), offset: float = 0.0,
     stance: str = "tripod",
 ) -> list[PrimitiveTrial]:  # fmt: skip
-    """Return the trials of Walas & Belter: seven primitives, four heights, each distinct turn by 45 deg; 105 per set.
+    """Return the trials of Walas & Belter (2011): seven primitives, four heights, distinct 45 deg turns; 105 per set.
 
     Args:
-        frictions: coefficients of friction of the ground, a set of trials each.
-        noise: standard deviation of the heights, m.
-        seeds: seeds of noise and direction of the offset, a set of trials each.
-        offset: distance of the feet from the middle of the primitive, m.
-        stance: feet that stand, `six` or `tripod`.
+        frictions: friction coefficients of the ground; each gives a set of trials.
+        noise: standard deviation of the ground height, m.
+        seeds: seeds of noise and direction of the offset; each gives a set of trials.
+        offset: horizontal distance of the feet from the middle of the primitive, m.
+        stance: number of standing feet, `six` or `tripod` (three).
     """
     out: list[PrimitiveTrial] = []
     for seed, friction, kind in itertools.product(seeds, frictions, PRIMITIVES):
@@ -88,7 +88,7 @@ def paper_trials(
 def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) -> list[StanceSample]:
     """Return a learning sample of each foot of a trial: ground coefficients at its contact, slip and load.
 
-    `smooth`: the map gets a 3 x 3 median, as in the service.
+    `smooth`: True: the height map is filtered by a 3 x 3 median, as in the service; False: it is not.
     """
     robot, trial = job.robot, job.trial
     feet = kinematics.foot_positions(robot.model, robot.neutral)[:, :2]
@@ -107,7 +107,7 @@ def samples_of(job: PrimitiveJob, outcome: TrialOutcome, smooth: bool = True) ->
 
 
 def own_worker(robot: Robot) -> Worker:
-    """Return a worker that simulates its trials of ground primitives in this process."""
+    """Return a worker that simulates trials of ground primitives in this process."""
 
     def answer(request: ExperimentRequest) -> ExperimentReply:
         outcomes = tuple(outcome_of(robot, trial) for trial in request.trials)
@@ -120,17 +120,17 @@ def run_trials(
     robot: Robot, trials: Sequence[PrimitiveTrial], out: Path, workers: Sequence[Worker],
     show: Callable[[str, int], None] = lambda name, count: None,
 ) -> int:  # fmt: skip
-    """Do the trials that a sample file lacks and append their samples; return how many were done.
+    """Run the trials that a sample file lacks and append their samples; return the number of trials run.
 
     Args:
         robot: robot that every worker must simulate.
         trials: all trials of the campaign.
-        out: file of samples.
-        workers: simulators, served by a thread each.
-        show: called with the name of each trial that is done and its number of samples.
+        out: sample file.
+        workers: simulators, each served by a thread.
+        show: called with the name of each finished trial and its number of samples.
 
     Raises:
-        SurefootError: `no_worker` when none is left, with the reason of the last one; `unwritable`.
+        SurefootError: `no_worker` if all workers failed, with the reason of the last; `unwritable`: the sample file.
     """
     done = read(out)[1] if out.exists() else {}
     jobs = {job.name: job for job in (PrimitiveJob(robot, trial) for trial in trials) if job.name not in done}

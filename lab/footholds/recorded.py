@@ -1,8 +1,8 @@
-"""Stances of a recorded walk as learning samples: slip by the estimator, footholds as the robot placed them.
+"""Stances of a recorded walk as learning samples: slip by the estimator, footholds where the robot placed its feet.
 
-The stroke f of a stance is the movement of its foot relative to the trunk from the stance's begin to its end,
+The stroke f of a stance, m, is the movement of its foot relative to the trunk from begin to end of the stance,
 
-    f = R_0 (R_1^T (p - b_1) - R_0^T (p - b_0)),   p the foot, b and R place and heading of the trunk, odom.
+    f = R_0 (R_1^T (p - b_1) - R_0^T (p - b_0)),   p position of the foot, b and R position and heading of the trunk, odom.
 
 Footholds are looked up in the recorded map, whose frame is taken as odom; without a map the ground is a plane.
 """
@@ -26,9 +26,9 @@ from surefoot.services.footholds.learning.samples import StanceSample
 from surefoot.services.footholds.outcomes import sample_at
 
 CELL_M, EDGE_M = 0.005, 0.1
-"""Plane used in place of a height map: `CELL_M`: cell size, m; `EDGE_M`: margin around the outermost footholds, m."""
+"""`CELL_M`: cell size, m, of the plane used in place of a height map; `EDGE_M`: its margin around all footholds, m."""
 MOST_CELLS = 4_000_000
-"""Number of cells of the plane used in place of a height map, above which a recorded walk is refused."""
+"""Largest number of cells of the plane used in place of a height map; a recorded walk that needs more is refused."""
 
 
 def samples_of(
@@ -36,16 +36,16 @@ def samples_of(
 ) -> list[StanceSample]:
     """Return a learning sample for each stance in the last epoch of a recording (after the last reset).
 
-    Stances in which an encoder or the switch of the foot failed (`healthy` is false) are left out.
+    Stances in which an encoder or the foot's contact switch failed (`healthy` is False) are left out.
 
     Args:
         path: MCAP file with `state/odometry`; its file name becomes the name of the trial.
         robot: description of the robot that walked.
-        smooth: the map gets a 3 x 3 median.
-        progress: gets the share of the recording that is read, 0 to 1.
+        smooth: True: the height map is filtered by a 3 x 3 median; False: it is not.
+        progress: called with the share of the recording that has been read, 0 to 1.
 
     Raises:
-        SurefootError: the file cannot be read, or holds no such stance.
+        SurefootError: the file cannot be read, or holds no healthy stance.
     """
     ground, poses, epoch = None, list[Odometry](), -1
     for item in read_recording(path, (TERRAIN_MAP.key, STATE_ODOMETRY.key), progress):
@@ -82,7 +82,7 @@ def _sample(
 
 
 def _plane(stances: Iterable[StanceEnd]) -> HeightMap:
-    """Return a level height map around all footholds (raises SurefootError: the walk is too long)."""
+    """Return a height map of zeros around all footholds (raises SurefootError: it would exceed `MOST_CELLS`)."""
     places = np.array([stance.begin[:2] for stance in stances])
     low = places.min(axis=0) - EDGE_M
     cols, rows = (math.ceil(float(way) / CELL_M) for way in places.max(axis=0) + EDGE_M - low)

@@ -1,4 +1,4 @@
-"""Rules that choose the footholds of simulated walks: the choice of the service by a slip model, or random draws."""
+"""Rules that choose footholds in simulated walks: as the service footholds does with a slip model, or at random."""
 
 import math
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ from surefoot.services.footholds.select import Foothold, Landing, SelectParams, 
 from .walks import Rule
 
 DRAWS = 100_003
-"""Difference of the step seeds of two successive walks: step i of walk `seed` has seed `seed * DRAWS + i`."""
+"""Distance between the random seeds of two walks: the foothold draw of step i in walk `seed` has `seed * DRAWS + i`."""
 
 
 def model_rule(model: SlipModel, params: SelectParams) -> Rule:
-    """Return the rule that chooses footholds as the service footholds does, with this slip model."""
+    """Return a rule that chooses footholds by a slip model, as the service footholds does."""
 
     def rule(
         ground: FootholdGround, robot: Robot, base: TrunkPose, landings: Sequence[Landing], step: int
@@ -29,7 +29,7 @@ def model_rule(model: SlipModel, params: SelectParams) -> Rule:
 
 
 def random_rule(seed: int) -> Rule:
-    """Return a rule that picks footholds at random from the free cells of a leg's window, reproducibly by seed."""
+    """Return a rule that draws footholds from the unmasked cells of a leg's search window, reproducibly by seed."""
     return exploring_rule(seed, 1.0, model_rule(HandScore(), SelectParams()))
 
 

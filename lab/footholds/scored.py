@@ -20,10 +20,10 @@ LAYERS = ("z", "k1", "k2", "cos_k3", "p", "mask", "spread", "support", "clear")
 
 
 def read_map(path: Path) -> HeightMap:
-    """Read a height map of any format, or the last grid_map of a bag.
+    """Read a height map of any supported format, or the last grid_map message of a ROS bag.
 
     Raises:
-        SurefootError: the file is absent, or not a map.
+        SurefootError: the file is absent, or is no height map.
     """
     try:
         path.stat()
@@ -50,7 +50,7 @@ def score_map(
 
 
 def save_scored(found: Assessment, heights: HeightMap, model: SlipModel, path: Path) -> None:
-    """Write layers, grid, mask bits and the model's name as `.npz`.
+    """Write a scored map as `.npz`: layers, cell size and origin, m, mask bits, name of the model.
 
     Raises:
         SurefootError: the file cannot be written.

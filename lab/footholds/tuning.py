@@ -1,4 +1,4 @@
-"""Choice of the weight k of the distance K4 to the nominal foothold, by whole walks: single steps prefer others."""
+"""Choice of the weight k, 1/m, of the distance K4 to the nominal foothold by whole walks instead of single steps."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ class Tried:
     seeds."""
 
     weight: float
-    """Weight k, that was tried, of the distance from nominal to chosen foothold, 1/m."""
+    """Weight k of the distance from nominal to chosen foothold in these walks, 1/m."""
     sliding_mm: tuple[float, ...]
     """Mean sliding of the contact point per stance on each kind of ground, mm."""
     failed: int
@@ -27,7 +27,7 @@ class Tried:
 
     @property
     def mean(self) -> float:
-        """Geometric mean of the sliding over the grounds, mm, so that rough grounds do not outweigh the others."""
+        """Geometric mean of the sliding per stance over the grounds, mm, so that rough grounds do not dominate."""
         return float(np.exp(np.mean(np.log(self.sliding_mm))))
 
 
@@ -35,9 +35,9 @@ def try_weights(
     model: LearnedModel, grounds: Sequence[Setting], seeds: Iterable[int], weights: Sequence[float], jobs: int = 1,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Tried]:  # fmt: skip
-    """Walk on every ground and seed under every weight; return the result of each weight.
+    """Simulate a walk for every weight, ground and seed; return the result of each weight.
 
-    `seeds`: training seeds, not those of a later comparison; `progress`: gets the share that is done.
+    `seeds`: training seeds, to differ from those of a later comparison; `progress`: called with the share done, 0 to 1.
     """
     wanted = list(seeds)
     out: list[Tried] = []
@@ -55,7 +55,7 @@ def try_weights(
 
 
 def best_of(tried: Sequence[Tried]) -> Tried:
-    """Return the result of the weight with the fewest failed walks; among equals, with the least mean sliding."""
+    """Return the result of the weight with the fewest failed walks; of equal ones, that with the least mean sliding."""
     return min(tried, key=lambda each: (each.failed, each.mean))
 
 

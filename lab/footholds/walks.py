@@ -1,6 +1,6 @@
-"""Walks of a hexapod under a rule that chooses its footholds, and the outcome of every stance.
+"""Simulated walks of a hexapod with a rule that chooses its footholds, and the outcome of every stance.
 
-Outcomes and verdict come from the truth of the simulation; neither the walker nor the rule reads it.
+Outcomes and verdict come from the ground truth of the simulation, which neither the walker nor the rule reads.
 """
 
 import math
@@ -26,9 +26,9 @@ from surefoot.services.walker.legged.standins import nominal_footholds
 from ..runs.joined import TICK_S, JoinedLoop
 
 PATIENCE_S = 5.0
-"""Longest time that the robot may take to stand up before the walk command, s of simulated time."""
+"""Longest simulated time that the robot may take to stand up, s; then the walk ends without its command."""
 REACHED = 0.95
-"""Share of the commanded distance, by true position, from which a walk counts as complete."""
+"""Share of the commanded distance, 0 to 1, from which on a walk counts as complete, by the true position."""
 
 Rule = Callable[[FootholdGround, Robot, chooser.TrunkPose, Sequence[chooser.Landing], int], Sequence[chooser.Foothold]]
 """Function that chooses the footholds of legs that land together, from ground, robot, trunk pose, landings and step
@@ -37,24 +37,24 @@ index."""
 
 @dataclass(frozen=True)
 class Setting:
-    """Conditions of a walk that all seeds of a study share."""
+    """Conditions of a simulated walk that are equal for all seeds of a study."""
 
     terrain: str = "demo"
-    """Kind of terrain of the simulator."""
+    """Name of the simulator's kind of terrain."""
     distance: float = 1.5
-    """Length of the walk, m."""
+    """Commanded length of the walk along x, m."""
     amplitude: float | None = None
-    """Height of the terrain, m; None = default of the terrain's kind."""
+    """Height amplitude of the terrain, m; None = default of the kind of terrain."""
     friction: float = Physics().friction
     robot: str = "ragno"
     profile: str = "noise"
-    """Name of the error profile that is applied to the true height map, see `observed_map`."""
+    """Name of the error profile by which the robot's height map is made from the true one, see `observed_map`."""
     delay: int = 1
-    """Delay of actuation, control ticks."""
+    """Delay from a joint command to its execution, control ticks."""
     limit_s: float = 120.0
-    """Simulated time after which a walk is ended even if it is not complete, s."""
+    """Simulated time after which a walk ends even if it is not complete, s."""
     params: tuple[tuple[str, Any], ...] = ()
-    """Parameters of the walker that differ from its own, by name."""
+    """Parameters of the walker that differ from the robot's defaults: (name, value) pairs."""
     command: MotionCommand | None = None
     """Command of the walk; None = straight ahead over `distance`."""
 
@@ -64,31 +64,31 @@ class ChosenStance:
     """Outcome of one finished stance, with the choice of the foothold that began it."""
 
     leg: int
-    """Index of the leg in the robot description."""
+    """Index of the stance leg in the robot description."""
     step: int
-    """Index of the foothold choice in the walk."""
+    """Number of the foothold choice within the walk, from 1."""
     planned: tuple[float, float]
-    """x, y of the foothold that was chosen, map frame, m."""
+    """Position x, y of the chosen foothold, map frame, m."""
     nominal: tuple[float, float]
-    """x, y of the nominal foothold, map frame, m."""
+    """Position x, y of the nominal foothold, map frame, m."""
     stroke: tuple[float, float, float]
-    """Movement of the foot relative to the body that the choice was made for, map axes, m."""
+    """Planned movement of the foot relative to the body during the stance, map axes, m."""
     landed: tuple[float, float]
-    """x, y of the foot centre at touch-down by truth, m."""
+    """True position x, y of the foot centre at touch-down, world frame, m."""
     sliding: float
     """Length of the path of the contact point in the ground plane during the stance, m."""
     displacement: float
     """Horizontal displacement of the foot centre during the stance, m."""
     load: float
-    """Mean normal force in the stance, N."""
+    """Mean normal force on the foot during the stance, N."""
 
 
 @dataclass(frozen=True)
 class WalkVerdict:
-    """Verdict on one walk over the ground of a seed.
+    """Verdict on one simulated walk over the ground of a seed.
 
-    It holds whether the robot reached the end or fell, state and reason of the gait, x and y of the trunk at the end,
-    m, the simulated time, s, and the number of steps and of finished stances.
+    `reached`, `fallen`: True if the robot completed the distance, or fell; `state`, `reason`: of the gait at the end;
+    `x`, `y`: true trunk position at the end, m; `time_s`: simulated time, s; `steps`, `stances`: their numbers.
     """
 
     seed: int
@@ -101,22 +101,22 @@ class WalkVerdict:
     time_s: float
     steps: int
     tilt_deg: float
-    """Largest tilt of the trunk in the walk, deg."""
+    """Largest true tilt of the trunk from the vertical during the walk, deg."""
     sliding_mm: float
     """Mean path length of the contact point per stance, mm."""
     displacement_mm: float
     """Mean horizontal displacement of the foot centre per stance, mm."""
     stances: int
     odometry_mm: float
-    """Position error of the odometry at the end of the walk, mm."""
+    """Horizontal position error of the odometry at the end of the walk, mm."""
     margin_mm: float
-    """Smallest static margin of the walk, mm."""
+    """Smallest static stability margin during the walk, mm."""
     unreachable: int
     """Number of foot targets out of the leg's reach, summed over all control ticks of the walk."""
     costs_us: tuple[float, ...] = field(repr=False, default=())
-    """Wall time of the walker per tick, us."""
+    """Wall time of the walker in each control tick, us."""
     slides_mm: tuple[float, ...] = field(repr=False, default=())
-    """Sliding of every finished stance, mm."""
+    """Path length of the contact point in each finished stance, mm."""
 
 
 class _PendingChoice(NamedTuple):
@@ -128,11 +128,11 @@ class _PendingChoice(NamedTuple):
 
 
 class StanceObserver:
-    """Observer of a simulated walk, which records each finished stance, by the truth, with the choice that began it."""
+    """Recorder of the finished stances of a simulated walk, by ground truth, with the foothold choice of each."""
 
     def __init__(self, world: PhysicsWorld) -> None:
         self.tilt = 0.0
-        """Largest tilt of the trunk in the walk so far, rad."""
+        """Largest true tilt of the trunk from the vertical so far, rad."""
         self.sliding: list[float] = []
         """Path length of the contact point in each finished stance, m."""
         self.displacement: list[float] = []
@@ -147,11 +147,11 @@ class StanceObserver:
         self._load, self._ticks, self._swung = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_)
 
     def chose(self, step: int, request: FootholdRequest, planned: tuple[float, float]) -> None:
-        """Record the choice of a foothold, which belongs to the next stance of its leg."""
+        """Record the foothold `planned` (x, y, m, map) chosen in step `step`, for the next stance of its leg."""
         self._chosen[request.leg] = _PendingChoice(step, request, planned)
 
     def look(self, world: PhysicsWorld) -> bool:
-        """Read the true state of the world after a tick; return True if the robot has fallen."""
+        """Record finished stances and tilt from the true state after a tick; return True if the robot has fallen."""
         truth, feet = world.truth(), world.tracker.feet
         self.tilt = max(self.tilt, truth.tilt)
         for foot in np.flatnonzero(truth.stances > self._stances):
@@ -185,7 +185,7 @@ class StanceObserver:
 
 
 class RuleSelector:
-    """Foothold selector of a walk, which gets footholds from a rule and passes its choices to an observer."""
+    """Foothold selector of a walk: gets footholds from a rule and passes each choice to a `StanceObserver`."""
 
     def __init__(self, robot: Robot, ground: FootholdGround, rule: Rule | None, stances: StanceObserver) -> None:
         self.robot, self.ground, self.rule, self.stances = robot, ground, rule, stances
@@ -208,7 +208,7 @@ class RuleSelector:
 
 
 class JoinedWalk(JoinedLoop):
-    """Simulated walk over a terrain, tick by tick; without a rule the feet land on their nominal footholds."""
+    """Simulated walk over a terrain, tick by tick; without a rule, feet land on their nominal footholds."""
 
     def __init__(
         self, seed: int, setting: Setting, rule: Rule | None, ground: tuple[Terrain, HeightMap] | None = None
@@ -276,9 +276,9 @@ def walk(
     """Simulate a walk to its end, a refusal, a fall or the time limit; return the verdict.
 
     Args:
-        seed: of ground, map and sensors.
-        setting: conditions.
-        rule: choice of footholds; None = nominal landings.
-        ground: terrain and the map of it that the robot gets; None = those of the setting.
+        seed: seed of terrain, map errors and sensor noise.
+        setting: conditions of the walk.
+        rule: rule that chooses the footholds; None = nominal footholds.
+        ground: terrain, and the height map that the robot gets; None = made from setting and seed.
     """
     return JoinedWalk(seed, setting, rule, ground).run().verdict()
