@@ -1,4 +1,4 @@
-"""`surefoot bag import|export`."""
+"""Commands `surefoot bag import|export`: convert ROS bags and tables to recordings, and recordings to other formats."""
 
 import math
 from pathlib import Path
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 OFF_SHARE = 0.6
-"""Default ratio of the force below which a foot counts as lifted to the force above which it counts as standing."""
+"""Default ratio of two foot forces: the one below which a foot counts as lifted, to the one from which it stands."""
 
 
 def _formats(incomplete: str) -> list[str]:
-    """Return the formats of an exported recording that begin with `incomplete`."""
+    """Return the names of export formats that begin with `incomplete`, for shell completion."""
     from .exporting import FORMATS
 
     return beginning(FORMATS, incomplete)
@@ -89,7 +89,7 @@ def import_log(
 
 
 def _read(log: Path, wanted: "BagTopics") -> "RawLog":
-    """Return a log as read, with the names that the user has stated."""
+    """Return the raw log of a bag or table, with the names of joints and feet from the options, if given."""
     from surefoot.errors import SurefootError
 
     from .raw import TABLES, log_of_table
@@ -107,7 +107,7 @@ def _read(log: Path, wanted: "BagTopics") -> "RawLog":
 
 
 def _thresholds(on: float | None, off: float | None) -> tuple[float, float] | None:
-    """Return the forces from which a foot stands and below which it stands no more, N; None = not stated."""
+    """Return the foot forces (from which a foot stands, below which it is lifted), N; None if `on` is not given."""
     from surefoot.errors import SurefootError
 
     if on is None:

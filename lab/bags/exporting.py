@@ -29,12 +29,12 @@ from surefoot.robot.description import Robot
 from .foxglove import write_foxglove
 
 TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_contacts", "odometry": "/odom", "tf": "/tf"}
-"""Topic names in an exported rosbag2, equal to the default names of the import."""
+"""ROS topic of each exported message in a rosbag2; `surefoot bag import` has these names as defaults."""
 VERSION = 9
-"""Version of the rosbag2 metadata format that is written."""
+"""Version of the rosbag2 metadata format in exported bags."""
 FRAMES = ("odom", "base_link")
 Share = Callable[[float], None]
-"""Progress function, which takes the finished share of the work, 0 to 1."""
+"""Progress function, called with the finished share of the work, 0 to 1."""
 
 
 def export(
@@ -47,11 +47,11 @@ def export(
     """Write the readable part of a recording in another format, completely or not at all; return the path.
 
     Args:
-        recording: MCAP file of this project, or one that is open.
-        kind: key of `FORMATS`.
+        recording: recording (MCAP), as a path or opened.
+        kind: name of the format, a key of `FORMATS`.
         out: file or folder to write, which must not exist.
-        robot: description; None = that of the recording.
-        progress: gets the share that is done.
+        robot: name or folder of the robot description; None = that of the recording.
+        progress: called with the share that is done, 0 to 1.
 
     Raises:
         SurefootError: the format is unknown, `out` exists, the recording cannot be read, or is of another robot.
@@ -72,10 +72,10 @@ def export(
 
 
 def table_of(columns: Columns, robot: Robot) -> dict[str, NDArray[Any]]:
-    """Return columns of a recording by name, (rows,) each, SI units, with a row per stamp of any sensor.
+    """Return the table of a recording: columns by name, (rows,) each, SI units, with a row per stamp of IMU or joints.
 
-    Sensors have the names of `surefoot estimate`; estimates follow. NaN = the row has no such sample. Truth, where the
-    recording has it, is that of base_link: `base_x` ...
+    Sensor columns have the names that `surefoot estimate` reads; estimates follow. NaN = no sample at this stamp. The
+    true position of base_link, if recorded, is `base_x` ...
     """
     joints, stance = columns["joints_stamp_ns"], columns["contacts_stamp_ns"]
     stamps = np.unique(np.concatenate([columns["stamp_ns"], joints]))
@@ -122,7 +122,7 @@ def _table(recording: ReadableRecording, robot: Robot, progress: Share) -> dict[
 
 
 def _check_joints(recording: ReadableRecording, count: int, robot: Robot) -> None:
-    """Refuse the description of another robot (raises SurefootError)."""
+    """Raise SurefootError if a recording with `count` joints does not fit the robot description."""
     if count != robot.nj:
         raise SurefootError("invalid", f"{recording.path} has {count} joints, {robot.name} has {robot.nj}", "robot")
 
@@ -192,5 +192,5 @@ def _rosbag2(recording: ReadableRecording, out: Path, robot: Robot, progress: Sh
 FORMATS: dict[str, Callable[[ReadableRecording, Path, Robot, Share], None]] = {
     "rosbag2": _rosbag2, "csv": _csv, "parquet": _parquet, "tum": _tum, "foxglove": write_foxglove,
 }  # fmt: skip
-"""Writers of exported files by the name of their format."""
+"""Export functions by the name of their format."""
 SUFFIXES = {"rosbag2": "", "csv": ".csv", "parquet": ".parquet", "tum": ".tum", "foxglove": "-foxglove.mcap"}

@@ -1,4 +1,4 @@
-"""Conversion of a raw log to a robot: joints by name, inertial rows to the axes of its IMU, contacts of its feet."""
+"""Conversion of a raw log to a robot's description: joint order, inertial rows to the IMU axes, foot contacts."""
 
 import json
 from dataclasses import dataclass, field
@@ -22,18 +22,19 @@ from ..estimation.torques import forces_by_torques
 from .raw import RawLog, Stream, Transform
 
 BODY = ("base_link", "base", "trunk", "body", "base_footprint", "torso", "root")
-"""Usual names of the trunk's frame in the transforms of a bag."""
+"""Names of frames in the transforms of a bag that are taken as the trunk."""
 MOST_SHARE = 0.95
-"""Quantile of a foot's measured force that serves as its usual largest force."""
+"""Quantile of a foot's measured force that is taken as the foot's usual largest force."""
 LEAST_RANGE = 0.05
-"""Range of a foot's force, as a share of the median total, up to which the foot counts as never lifted."""
+"""Range of a foot's force, share of the median total, up to which it counts as constant: no forces are used then."""
 NEAR_M, NEAR_RAD = 0.01, 0.01
-"""Differences of the inertial unit's position, m, and axes, rad, from the description; larger ones are reported."""
+"""Largest differences between IMU frame of a log and robot description without a note: `NEAR_M`: position, m;
+`NEAR_RAD`: orientation, rad."""
 
 
 @dataclass
 class RobotLog:
-    """Log whose rows are in the joint order, foot order and sensor frames of a robot."""
+    """Log of sensors in the joint order, foot order and sensor frames of a robot description."""
 
     imu: Stream  # (n, 6)
     joints: Stream  # (m, nj) rad
@@ -48,13 +49,13 @@ def fitted(log: RawLog, robot: Robot, stated: tuple[float, float] | None = None,
     """Return a log in the joint order, foot order and sensor frames of a robot.
 
     Args:
-        log: log as it was read.
-        robot: description.
-        stated: forces from which a foot stands, and below which it does not, N; the forces are in N then.
+        log: raw log.
+        robot: robot description.
+        stated: foot forces (from which a foot stands, below which it is lifted), N; None = derived from the log.
         imu_frame: name of the frame of the inertial rows; `imu` = that of the description; empty = as in the log.
 
     Raises:
-        SurefootError: joints or feet are those of another robot, or a frame has no transform.
+        SurefootError: joints or feet do not match the robot, or a frame has no transform.
     """
     notes = list(log.notes)
     order = _joint_order(log, robot)
@@ -107,7 +108,7 @@ def _check_limits(joints: Array, robot: Robot) -> None:
 
 
 def _turned(log: RawLog, robot: Robot, imu_frame: str, notes: list[str]) -> Array:
-    """Return the inertial rows (n, 6) of the log (rad/s, m/s^2), turned into the axes of the robot's inertial unit."""
+    """Return the inertial rows of the log (n, 6), rad/s and m/s^2, rotated into the axes of the robot's IMU."""
     name = imu_frame or log.imu_frame
     own, values = matrix_from_quat(robot.imu.quat_wxyz), log.imu.values
     chain = _chain(name, log.frames, robot)
@@ -130,7 +131,7 @@ def _turned(log: RawLog, robot: Robot, imu_frame: str, notes: list[str]) -> Arra
 
 
 def _chain(name: str, frames: dict[str, Transform], robot: Robot) -> tuple[Array, Array] | None:
-    """Return position (3,) m and rot_trunk_from_frame (3, 3) of a frame; None = it is not connected to the trunk."""
+    """Return position (3,) m and rot_trunk_from_frame (3, 3) of a frame in the trunk; None = they are not connected."""
     place, rot = np.zeros(3), np.eye(3)
     for _ in range(len(frames) + 1):
         if name in BODY or name == robot.name:
@@ -144,7 +145,7 @@ def _chain(name: str, frames: dict[str, Transform], robot: Robot) -> tuple[Array
 
 
 def _foot_order(log: RawLog, robot: Robot, notes: list[str]) -> list[int]:
-    """Return the column index among the log's feet of each leg of the robot."""
+    """Return the column index in the log's foot values of each leg of the robot."""
     assert log.feet is not None
     count = log.feet.values.shape[1]
     if not log.feet_names:
@@ -159,7 +160,7 @@ def _foot_order(log: RawLog, robot: Robot, notes: list[str]) -> list[int]:
 
 
 def _rule(raw: Array, robot: Robot, stated: tuple[float, float] | None, notes: list[str]) -> ForceContact | None:
-    """Return zero, scale and contact thresholds of foot forces (k, F); None = the forces do not show any contact."""
+    """Return zero, scale and contact thresholds of raw foot forces (k, F); None = they do not show all contacts."""
     if stated is not None:
         return ForceContact((0.0,) * robot.nlegs, (1.0,) * robot.nlegs, *stated)
     low, high = np.quantile(raw, [REST_SHARE, MOST_SHARE], axis=0)
@@ -179,7 +180,7 @@ def _rule(raw: Array, robot: Robot, stated: tuple[float, float] | None, notes: l
 
 
 def _by_torques(out: RobotLog, robot: Robot) -> None:
-    """Fill in the feet by the ground forces of the joint torques, at the last sample of each tick."""
+    """Set the feet of a log to ground forces from the joint torques, N, at the last sample of each tick."""
     assert out.torque is not None
     tick = (out.joints.stamp_ns - out.imu.stamp_ns[0]) // TICK_NS
     rows = np.flatnonzero(np.diff(tick, append=tick[-1] + 1) > 0)
@@ -200,7 +201,7 @@ def _list(values: tuple[float, ...]) -> str:
 
 
 def save_calibration(path: Path, contact: ForceContact) -> Path:
-    """Write zero, scale and contact thresholds of the feet as configuration of drivers `unitree` and `ros_robot`."""
+    """Write zero, scale and contact thresholds of foot forces as TOML for the drivers `unitree` and `ros_robot`."""
     lines = [
         f"foot_zero = {list(contact.zero)}", f"foot_scale = {list(contact.scale)}",
         f"contact_on = {contact.on}", f"contact_off = {contact.off}",

@@ -17,10 +17,10 @@ from ..scene.primitives import sdk
 from ..scene.scene import KEYS, RobotScene
 
 RATE_HZ = 50.0
-"""Rate of exported snapshots in simulated time, Hz."""
+"""Rate of the exported robot poses in recorded (simulated) time, Hz."""
 LINE_KEY = "log/"
 LATEST_S = 2.0**32
-"""Upper limit of stamps in Foxglove's messages, s; later poses are refused."""
+"""Upper limit of stamps in Foxglove's messages, s; a recording with a pose at or after it is refused."""
 
 
 def write_foxglove(
@@ -31,13 +31,14 @@ def write_foxglove(
     Its metadata are those of the recording; robot description and layout are attached.
 
     Args:
+        recording: recording to convert.
         out: file to write.
-        robot: that was recorded.
-        progress: gets the share that is done.
+        robot: description of the recorded robot.
+        progress: called with the share that is done, 0 to 1.
 
     Raises:
         SurefootError: the library is missing, or the recording cannot be read, shows no posture of the robot, or holds
-            a message that is none of its topic.
+            a message that does not fit the schema of its topic.
     """
     library = sdk()
     scene, context, count = RobotScene(robot, strict=True), library.Context(), 0
@@ -67,7 +68,7 @@ def write_foxglove(
 
 
 def _log_lines(recording: ReadableRecording) -> list[tuple[int, str, str, str]]:
-    """Return stamp, level, source and text of each line that was logged."""
+    """Return (stamp, ns; level; source; text) of each log line in a recording."""
     found: list[tuple[int, str, str, str]] = []
     for item in recording.messages():
         if item.key.startswith(LINE_KEY):
@@ -78,9 +79,9 @@ def _log_lines(recording: ReadableRecording) -> list[tuple[int, str, str, str]]:
 
 
 def _attachments(recording: ReadableRecording, robot: Robot) -> list[tuple[str, str, bytes]]:
-    """Return name, media type and content of the layout, and of what the recording has taken with it.
+    """Return (name, media type, content) of the Foxglove layout and of the files attached to a recording.
 
-    Of a recording without files the robot's description is attached where it is found here.
+    If the robot description is not among them, it is added if it is found on this machine.
     """
     files = dict(recording.found.attachments)
     if ROBOT_FILE not in files:

@@ -17,17 +17,17 @@ from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from .ros import bag_messages, reader_of
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-"""File suffixes of ROS bags; a folder counts as a bag, too."""
+"""File suffixes of ROS bags; a folder counts as a bag as well."""
 GRID, LAYER = "grid_map_msgs/msg/GridMap", "elevation"
 """`GRID`: ROS message type of an elevation map; `LAYER`: name of the layer with its heights."""
 
 
 def last_heights(path: Path) -> HeightMap:
-    """Return the heights of the last grid_map of a bag.
+    """Return the heights of the last grid_map message of a bag.
 
     Raises:
-        SurefootError: the bag cannot be read, or has no grid_map, or one that is turned or has no layer of heights.
-        HeightMapError: the heights or sizes make no map.
+        SurefootError: the bag cannot be read, or has no grid_map, or one that is rotated or has no layer of heights.
+        HeightMapError: heights or sizes are no valid height map.
     """
     reader = reader_of(path, GRID_MAP)
     try:

@@ -21,11 +21,11 @@ from surefoot.services.stability.service import Stability
 from .fit import RobotLog
 
 FEWEST_ROWS = 50
-"""Least number of inertial samples in a log; shorter logs are refused."""
+"""Least number of inertial samples in a log to import; shorter logs are refused."""
 
 
 class Player(Driver[ServiceConfig]):
-    """Driver that releases the samples of a log tick by tick, and ignores commands."""
+    """Driver service that publishes the samples of a log tick by tick, and ignores commands."""
 
     name = "player"
     outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS)
@@ -58,11 +58,11 @@ class Player(Driver[ServiceConfig]):
         return intake.release(tick)
 
     def actuate(self, tick: int, command: JointCommand | None) -> None:
-        """Ignore the command: a log has no actuators."""
+        """Ignore a joint command, since a log has no actuators."""
 
 
 def _merged(log: RobotLog) -> list[tuple[int, int, int]]:
-    """Return stamp, kind (0 inertial, 1 feet, 2 joints) and number of all rows in their order."""
+    """Return (stamp, ns; kind: 0 inertial, 1 feet, 2 joints; row index) of all rows of a log, sorted by stamp."""
     streams = (log.imu, log.feet, log.joints)
     return sorted(
         (stamp, kind, row)
@@ -73,19 +73,19 @@ def _merged(log: RobotLog) -> list[tuple[int, int, int]]:
 
 
 def record(log: RobotLog, robot: str, out: Path, progress: Callable[[float], None] = lambda share: None) -> Player:
-    """Write the recording of a log with the estimates and margins of the services; all of it or nothing.
+    """Write a log as a recording, with the estimates and margins of the services, completely or not at all.
 
     Args:
-        log: fitted to the robot.
+        log: log in the joint order and frames of the robot.
         robot: name of a description, or path of its folder.
         out: MCAP file, which must not exist.
-        progress: gets the share that is done.
+        progress: called with the share that is done, 0 to 1.
 
     Returns:
-        The driver that has played the log, with the counts of what it refused.
+        The driver that played the log, with the number of samples it refused.
 
     Raises:
-        SurefootError: the file exists, or the log is too short.
+        SurefootError: `out` exists, or the log has fewer than `FEWEST_ROWS` inertial samples.
     """
     if out.exists():
         raise SurefootError("invalid", f"{out} exists; allowed is a new file (--out)", "out")

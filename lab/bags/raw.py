@@ -1,4 +1,4 @@
-"""Raw logs of other programs, from bags and tables, before they fit a robot: streams with stamps, names, frames."""
+"""Raw logs of other programs, read from bags and tables: sensor streams with stamps, names and frames."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,18 +13,18 @@ from surefoot.record.tables import read_table
 TABLES = (".csv", ".npz")
 """File suffixes of logs that are stored as tables."""
 AHEAD_S = 10.0
-"""Step between two stamps, s, above which the clock counts as having jumped, and the log is refused."""
+"""Largest step between two successive stamps of a stream, s; above it the log is refused (the clock has jumped)."""
 
 
 class Stream(NamedTuple):
-    """Rows of one sensor's samples with their stamps."""
+    """Samples of one sensor: stamps, ns, and a row of values for each."""
 
     stamp_ns: Ints  # (n,)
     values: Array  # (n, k)
 
 
 class Transform(NamedTuple):
-    """Fixed pose of a frame in its parent."""
+    """Fixed pose of a frame in its parent frame."""
 
     parent: str
     position: Array  # (3,) m
@@ -33,7 +33,7 @@ class Transform(NamedTuple):
 
 @dataclass
 class RawLog:
-    """Raw log: streams of one robot's sensors, with joints and feet in the order of the log."""
+    """Raw log of one robot: sensor streams, with joints and feet in the order of the log."""
 
     imu: Stream  # (n, 6) gyro rad/s, specific force m/s^2
     imu_frame: str
@@ -49,15 +49,15 @@ class RawLog:
 
 
 def in_order(name: str, stream: Stream, sort: bool) -> Stream:
-    """Return a stream with rising stamps.
+    """Return a stream with non-decreasing stamps, checked for gaps.
 
     Args:
-        name: of the stream, for errors.
-        stream: rows with their stamps.
-        sort: put rows whose stamps go back into order.
+        name: name of the stream, for errors.
+        stream: samples with their stamps.
+        sort: True: sort the rows by stamp; False: refuse stamps that go back.
 
     Raises:
-        SurefootError: there are no rows, all stamps are 0, they go back, or they jump ahead.
+        SurefootError: there are no rows, all stamps are 0, they go back, or they jump ahead by more than `AHEAD_S`.
     """
     stamps = stream.stamp_ns
     if not len(stamps):
@@ -80,7 +80,7 @@ def in_order(name: str, stream: Stream, sort: bool) -> Stream:
 
 
 def log_of_table(path: Path, sort: bool) -> RawLog:
-    """Read a CSV or NPZ file with joint angles; its columns are those of `surefoot estimate`.
+    """Read a CSV or NPZ file with joint angles, with the column names of `surefoot estimate`; `sort`: sort by stamp.
 
     Raises:
         SurefootError: the file cannot be read, or has no joints.

@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2 bags, and MCAP files of either, as raw logs; read by `rosbags`."""
+"""Reading of ROS 1 and ROS 2 bags, and MCAP files of either, as raw logs, by the library `rosbags`."""
 
 import sqlite3
 import struct
@@ -20,14 +20,14 @@ from surefoot.record.fields import FieldPath
 from .raw import RawLog, Stream, Transform, in_order
 
 INSTALL = "pip install 'surefoot[bags]'"
-"""Command that installs the optional reader of ROS bags."""
+"""Shell command that installs the optional reader of ROS bags."""
 IMU, JOINTS, TRANSFORMS = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState", "tf2_msgs/msg/TFMessage"
-"""ROS message types of inertial samples, joint states and transforms."""
+"""ROS message types: `IMU`: of inertial samples; `JOINTS`: of joint states; `TRANSFORMS`: of frame transforms."""
 UNREADABLE = (
     ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError, OSError, TypeError, ValueError,
     sqlite3.Error, struct.error,
 )  # fmt: skip
-"""Exceptions that the bag reader raises on a damaged file, besides its own."""
+"""Exceptions that the library `rosbags` raises on a damaged file, in addition to its own class."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class BagTopics:
 
 
 def reader_of(path: Path, more: Mapping[str, str] = MappingProxyType({})) -> Any:
-    """Return the opened reader of a bag (raises SurefootError); `more`: definitions of further types by name."""
+    """Return the opened reader of a bag (raises SurefootError: unreadable); `more`: definitions of types by name."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -77,7 +77,7 @@ def log_of_bag(path: Path, wanted: BagTopics) -> RawLog:
     """Return the raw log of a bag, read from the wanted topics.
 
     Raises:
-        SurefootError: the bag cannot be read, a topic is absent or of another type, or its clock jumps.
+        SurefootError: the bag cannot be read, a topic is absent or of another type, or its stamps jump.
     """
     reader = reader_of(path)
     try:
@@ -111,7 +111,7 @@ def _check_topic(reader: Any, path: Path, topic: str, kind: str) -> None:
 
 
 def bag_messages(reader: Any, path: Path, topics: set[str]) -> Iterator[tuple[str, int, Any]]:
-    """Yield topic, time of arrival, ns, and message; fixed transforms as well."""
+    """Yield (topic, time of arrival, ns, message) for messages of these topics, and for static transforms."""
     from rosbags.highlevel import AnyReaderError
 
     connections = [
@@ -162,7 +162,7 @@ class _Collected:
             self.rows["contacts"].append((stamp, values.astype(np.float64)))
 
     def _joints(self, row: int, m: Any) -> tuple[Any, Any, Any]:
-        """Return positions, velocities and efforts of the named joints in a JointState message; None = field absent."""
+        """Return positions, rad, velocities and efforts of the joints in a JointState message; None = field absent."""
         topic, given = self.wanted.joints, self.wanted.joint_names
         if given and len(m.position) < len(given):
             text = f"{topic} row {row}: {len(m.position)} positions, --joint-names has {len(given)}"
@@ -199,7 +199,7 @@ class _Collected:
         return in_order(topic, Stream(stamps, numbers), self.wanted.sort)
 
     def _more(self, part: int, joints: Stream) -> NDArray[np.float64] | None:
-        """Return velocities or efforts (m, J) in the order of the stamps; None = a row lacks them."""
+        """Return joint velocities (`part` 1) or efforts (2) of all rows, (m, J); None if a row lacks them."""
         rows = self.rows["joints"]
         values = [row[part] for _, row in rows]
         if any(value is None for value in values):

@@ -24,8 +24,8 @@ KEYS = ("navigator/order", "state/gait", "state/pose", "hw/landmarks", "terrain/
 IMAGES = "state/landmarks"
 """Key of the landmarks that vision recognised; if it is recorded, it is read in place of `hw/landmarks`."""
 MOVE, FRAME, SEE = 0.0, 1.0, 2.0
-"""Kind of an event, its column 0; further columns: `MOVE`: index of the action, share of the action; `FRAME`: time since the
-last frame, s; `SEE`: landmark x, y (m, map), range (m), bearing (rad), 1 = the robot stands, 0 = it walks."""
+"""Kind of an event, its column 0; further columns: `MOVE`: index of the action, share of the action; `FRAME`: time
+since the last frame, s; `SEE`: landmark x, y (m, map), range (m), bearing (rad), 1 = the robot stands, 0 = it walks."""
 COLUMNS = 6
 SAME_TURN = math.radians(2.0)
 SAME_WAY = 0.02

@@ -1,4 +1,4 @@
-"""Many episodes side by side, one action in each per call; base of the Gymnasium environments."""
+"""Batches of simulated navigation episodes, one action in each per call; base of the Gymnasium environments."""
 
 import math
 import os
@@ -21,33 +21,33 @@ from surefoot.services.navigator.policy.params import NavigationModel
 
 OBSERVATION = 6
 THREADED = 512
-"""Number of parallel episodes from which on more than one thread is used."""
+"""Least number of episodes per thread if a batch uses several threads; below twice this number it uses one."""
 
 
 class BatchRoom(NamedTuple):
-    """Work arrays of a step of many episodes: inputs and results, one row per episode."""
+    """Inputs and results of a step of `count` parallel episodes, one row per episode."""
 
     episodes: Ints
-    """Number of the episode that begins next in each row, which selects its random draws, (count,)."""
+    """Index of the episode that begins next in each row, which selects its random draws, (count,)."""
     chosen: Ints
     """Index of the action that each episode takes next, (count,)."""
     renew: Flags
     """True for episodes that restart in this call, False for those that take their action, (count,)."""
     observation: Array
-    """Observations of the episodes, (count, OBSERVATION)."""
+    """Observations (count, 6): goal distance m, sine and cosine of bearing, entropy nats, drift rad/m, 1 = blocked."""
     mask: Flags
     """True for actions that are allowed in each episode, False for others, (count, A)."""
     reward: Array
-    """Reward of the last action of each episode, (count,)."""
+    """Reward of the last action of each episode, (count,): minus its duration, s, or the bonus at the goal."""
     terminated: Flags
-    """True for episodes that ended because the robot reached the goal, (count,)."""
+    """True for episodes that ended because the robot reached the goal, else False, (count,)."""
     truncated: Flags
-    """True for episodes that ended at the time limit, (count,)."""
+    """True for episodes that ended at the time limit, else False, (count,)."""
 
 
 @free_kernel
 def _observe(model: ModelTables, state: EpisodeState, e: int, batch: BatchRoom) -> None:
-    """Write row e of the batch: observation, mask of allowed actions, and the flags of goal and time limit."""
+    """Write row e of the batch: observation, mask of allowed actions, flags of goal reached and of time limit."""
     mean, status, row = state.ahead_mean, state.status, batch.observation[e]
     d, phi, h = features(mean, state.ahead_cov, model.scene[0].goal_x, model.scene[0].goal_y)
     row[0] = min(d, 100.0)
@@ -62,7 +62,7 @@ def _observe(model: ModelTables, state: EpisodeState, e: int, batch: BatchRoom) 
 
 @free_kernel
 def _allowed(model: ModelTables, batch: BatchRoom, e: int, blocked: bool) -> int:
-    """Return the chosen action of an episode, or the first turn or walk in place of one that is not allowed."""
+    """Return the chosen action of episode e; if it is not allowed, the first turn (while blocked) or walk instead."""
     if not batch.mask[e, batch.chosen[e]]:
         wanted = slots.TURNING if blocked else slots.WALK
         for a in range(model.actions.shape[0]):
@@ -81,7 +81,7 @@ def _step(
     batch: BatchRoom,
     room: EpisodeRoom,
 ) -> None:
-    """Begin the flagged episodes of a part (first, end), and do one action in each of its others, in place."""
+    """Begin flagged episodes in rows first .. end - 1, and execute one action in each other one, in place."""
     stride = batch.episodes.size
     for e in range(part[0], part[1]):
         state = EpisodeState(
@@ -101,20 +101,20 @@ def _step(
 
 
 class EpisodeBatch:
-    """Simulated episodes of a navigating robot, side by side.
+    """Batch of simulated episodes of a navigating robot, advanced in parallel.
 
     An observation is distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 = blocked.
 
     Args:
         model: navigation model of the robot.
-        count: number of episodes at a time, 1 to 100000.
+        count: number of parallel episodes, 1 to 100000.
 
     Attributes:
-        observation: (count, 6).
-        reward: reward of the last action, (count,) s.
-        terminated: true where the goal was reached, (count,).
-        truncated: true where the time is out, (count,).
-        mask: actions that are allowed, (count, A).
+        observation: observations, (count, 6).
+        reward: minus the duration of the last action, s, or the bonus at the goal, (count,).
+        terminated: True where the goal was reached, (count,).
+        truncated: True where the time limit was reached, (count,).
+        mask: True for actions that are allowed, (count, A).
     """
 
     def __init__(self, model: NavigationModel, count: int) -> None:
@@ -152,27 +152,27 @@ class EpisodeBatch:
         return self._states.status["time"]
 
     def begin(self, which: Flags) -> None:
-        """Begin a new episode where `which` (count,) is True; the others stay as they are."""
+        """Begin a new episode where `which` (count,) is True; leave the other episodes unchanged."""
         self._room.renew[:] = which
         self._call(only_renew=True)
 
     def act(self, chosen: Ints) -> None:
-        """Do one action in each of the n episodes; `chosen`: index of the action, (n,).
+        """Execute one action in each of the n episodes; `chosen`: index of the action, (n,).
 
         Raises:
-            SurefootError: another number of actions, or one that the model does not have.
+            SurefootError: `chosen` has another length, or an index that the model does not have.
         """
         self.step(chosen, np.zeros(self.count, dtype=np.bool_))
 
     def step(self, chosen: Ints, renew: Flags) -> None:
-        """Do one action in each of the n episodes, or begin a new one instead.
+        """Execute one action in each of the n episodes, or begin a new episode instead.
 
         Args:
             chosen: index of the action, (n,).
-            renew: True where a new episode begins, (n,).
+            renew: True where a new episode begins, False where the action is executed, (n,).
 
         Raises:
-            SurefootError: another number of actions, or one that the model does not have.
+            SurefootError: `chosen` has another length, or an index that the model does not have.
         """
         count = len(self.world.names)
         if chosen.shape != (self.count,) or chosen.min() < 0 or chosen.max() >= count:

@@ -1,4 +1,4 @@
-"""Commands `surefoot train` and `surefoot evaluate`, for policies of the navigator."""
+"""Commands `surefoot train` and `surefoot evaluate`: make navigation policies, and measure their performance."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any

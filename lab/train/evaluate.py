@@ -28,7 +28,7 @@ def _group() -> None:
 
 
 def seeds_of(text: str) -> "Seeds":
-    """Return the range of episodes that a text `A:B` names (raises SurefootError: it is not of that form)."""
+    """Return the episodes A to B - 1 of a text `A:B` (raises SurefootError: other text, not 2 to 1,000,000)."""
     from surefoot.errors import SurefootError
 
     from .evaluation import Seeds
@@ -42,7 +42,7 @@ def seeds_of(text: str) -> "Seeds":
 
 
 def model_of(params: str, settings: list[str] | None, actions: str | None) -> "NavigationModel":
-    """Return the navigation model of the options: a name or TOML file, `key=value` settings and an action set."""
+    """Return the navigation model `params` (name or TOML file) with `key=value` settings and action set."""
     from surefoot.services.navigator.policy.params import load
 
     return load(params, [*(settings or []), *([f'use="{actions}"'] if actions else [])])

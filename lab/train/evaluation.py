@@ -1,4 +1,4 @@
-"""Evaluation of policies: whole episodes on all cores, and their statistics."""
+"""Evaluation of navigation policies: simulated episodes on all cores, and their statistics."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from .. import statistics
 from ..pools import worker_threads
 
 EVALUATION = 0
-"""Random stream of evaluations; training run k uses stream k + 1, so no episode serves both."""
+"""Index of the random stream of evaluations; training with seed k uses stream k + 1, so that no episode serves both."""
 CHUNK = 100
 ELLIPSE_95 = float(stats.chi2.ppf(0.95, 3))
 """NEES (normalised estimation error squared) of a pose x, y, yaw on the boundary of its 95 % confidence ellipsoid."""
@@ -26,7 +26,7 @@ ELLIPSE_95 = float(stats.chi2.ppf(0.95, 3))
 
 @dataclass(frozen=True)
 class Seeds:
-    """Range of episodes of a policy's evaluation, from `first` to `end` - 1."""
+    """Range of the episode seeds of a policy's evaluation, from `first` to `end` - 1."""
 
     first: int
     end: int
@@ -49,12 +49,12 @@ def episodes(
     """Run a policy in simulated episodes on all cores; return a record RESULT of each episode, (count,).
 
     Args:
-        world: the model's arrays.
-        policy: decides the actions.
-        seeds: of the episodes; two policies with the same seeds get the same floors, drifts and starts.
-        knows: True: the policy gets the true pose and drift.
-        stream: number of the stream of random numbers.
-        progress: gets the share that is done.
+        world: arrays of the navigation model.
+        policy: policy that chooses the actions.
+        seeds: seeds of the episodes; equal seeds give equal floors, drifts and starts to any policy.
+        knows: True: the policy gets true pose and drift; False: the estimates.
+        stream: index of the stream of random numbers.
+        progress: called with the share that is done, 0 to 1.
     """
     starts = range(seeds.first, seeds.end, CHUNK)
 
@@ -70,7 +70,7 @@ def episodes(
 
 
 def summary(results: Record) -> dict[str, Any]:
-    """Return statistics of episodes by name: times (s, those of failed episodes included), success, consistency.
+    """Return statistics of episodes by name: times (s, failed episodes included), success, consistency (NEES).
 
     `results`: a record RESULT of each episode, (n,), as `run_episodes` returns them.
     """
@@ -97,9 +97,9 @@ def summary(results: Record) -> dict[str, Any]:
 
 
 def paired(ours: Record, others: Record) -> dict[str, Any]:
-    """Return statistics of the difference of times, ours - others, s, over the same episodes: mean, 95 % interval, p.
+    """Return statistics of the paired difference of times, ours - others, s: mean, 95 % interval, p values.
 
-    ours, others: a record RESULT of each episode, (n,), those of one seed in the same place.
+    `ours`, `others`: a record RESULT of each episode, (n,), with equal seeds at equal indices.
     """
     a, b = ours["seconds"], others["seconds"]
     found, base = statistics.paired(a, b), float(b.mean())

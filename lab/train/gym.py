@@ -1,10 +1,10 @@
-"""The navigation environment in the interface of Gymnasium: one episode at a time, or many at once.
+"""Navigation environment with the interface of Gymnasium: one episode at a time, or many in parallel.
 
 Needs the extra `surefoot[gym]`. Observation (6,): distance of the goal by the estimate (m), sine and cosine of its
-bearing, entropy (nats), estimated drift (rad per m), 1 while blocked. Action: index into the model's actions. Reward
-(7): minus the seconds of the action, or the bonus at the goal. `terminated` = goal reached, `truncated` = out of time;
-`info` has the seconds so far and `action_mask`. An action that is not allowed is replaced: by a turn while blocked, by
-the first walk where a guard forbids it.
+bearing, entropy of the pose (nats), estimated drift (rad/m), 1 while blocked. Action: index into the model's actions.
+Reward: minus the duration of the action, s, or the bonus at the goal. `terminated` = goal reached, `truncated` = time
+limit reached; `info` has the seconds so far and `action_mask`. An action that is not allowed is replaced: by a turn
+while blocked, else by the first walk.
 """
 
 from typing import Any
@@ -24,14 +24,14 @@ HIGH = np.array([100.0, 1.0, 1.0, 50.0, 50.0, 1.0])
 
 
 class NavigatorEnv(gym.Env[Array, np.int64]):
-    """Environment of gymnasium with one navigating robot; actions are those of the model, by index.
+    """Gymnasium environment with one navigating robot; an action is an index into the model's actions.
 
     An observation (6,) is distance of the goal m, sine and cosine of its bearing, entropy of the pose nats, drift
-    rad/m, 1 = blocked. The reward is minus the seconds of the action, plus a bonus at the goal.
+    rad/m, 1 = blocked. The reward is minus the seconds of the action, or the bonus at the goal.
 
     Args:
         model: navigation model, or its name or file.
-        render_mode: nothing is drawn.
+        render_mode: without effect, as nothing is drawn.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - as gymnasium declares it
@@ -44,7 +44,7 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
         self.observation_space = gym.spaces.Box(LOW, HIGH, (OBSERVATION,), np.float64)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin the first episode of a seed, or without a seed the next episode of the present one.
+        """Begin the first episode of a seed, or, for None, the next episode of the present seed.
 
         Returns:
             Observation (6,): distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 =
@@ -58,11 +58,11 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
         return self._batch.observation[0].copy(), self._info()
 
     def step(self, action: np.int64) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Do one action, by its index.
+        """Execute one action, given by its index.
 
         Returns:
             Observation (6,): distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 =
-            blocked; reward, s; True if the goal was reached; True if the time is out; info: `seconds` so far and
+            blocked; reward, s; True if the goal was reached; True if the time limit was; info: `seconds` so far and
             `action_mask`.
         """
         self._batch.act(np.array([action], dtype=np.int64))
@@ -74,10 +74,10 @@ class NavigatorEnv(gym.Env[Array, np.int64]):
 
 
 class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[Any]]):
-    """Vector environment of gymnasium with many navigating robots; an ended episode begins anew with the next step.
+    """Gymnasium vector environment with many navigating robots; an ended episode restarts at the next step.
 
     Args:
-        num_envs: number of robots.
+        num_envs: number of robots, each in its own episode.
         model: navigation model, or its name or file.
     """
 
@@ -94,7 +94,7 @@ class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[
         self._ended = np.zeros(num_envs, dtype=np.bool_)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin the n episodes anew.
+        """Begin a new episode of each of the n robots, of a new seed if one is given.
 
         Returns:
             Observations (n, 6): distance of the goal m, sine and cosine of its bearing, entropy nats, drift rad/m, 1 =
@@ -109,10 +109,11 @@ class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Do one action in each of the n episodes, or begin a new one where it has ended; `actions`: by index, (n,).
+        """Execute one action in each of the n episodes, or begin a new one if it has ended; `actions`: indices (n,).
 
         Returns:
-            Observations (n, 6), as `reset` returns them; rewards (n,) s; goals reached (n,); times out (n,); infos.
+            Observations (n, 6), as `reset` returns them; rewards (n,), s; True where the goal was reached (n,), and where
+            the time limit was (n,); infos.
         """
         b = self._batch
         b.step(np.asarray(actions, dtype=np.int64), self._ended)

@@ -1,9 +1,9 @@
-"""Sarsa(lambda) on the augmented MDP of the paper: d, phi and the entropy h on a grid with linear interpolation.
+"""Sarsa(lambda) on the augmented MDP of Osswald et al. (2010): d, phi and entropy h on a grid, interpolated linearly.
 
 delta = r + gamma Q(s', a') - Q(s, a), Q(s', .) = 0 at the goal; E[c, a] = max(E[c, a], w_c) (replacing traces); T +=
-alpha delta E; E *= gamma lambda; equation (3) and section V-B of Osswald et al. (2010). Corrected: the greedy action is
-taken with probability 1 - eps, not eps. An episode that is cut off after 700 s ends in no terminal state: its last
-value is estimated like all others.
+alpha delta E; E *= gamma lambda; equation (3) and section V-B of the paper. Corrected: the greedy action is taken with
+probability 1 - eps, not eps. An episode that is cut off at the time limit of 700 s ends in no terminal state: its last
+value is estimated like that of any state.
 """
 
 import math
@@ -40,19 +40,19 @@ EXPLORE = 1_000_000  # purpose of the stream of exploration, beyond all steps
 
 @free_kernel
 def corners(table: Array, grid: Array, d: float, phi: float, h: float, cells: Ints, weights: Array) -> float:
-    """Write the 8 points around a state, as indices of action 0 in the flat table, and their weights.
+    """Write the 8 grid points around a state, as indices of action 0 in the flat table, and their weights.
 
     Args:
-        table: values, (layers, distances, bearings, actions) s.
-        grid: ends of its axes, (GRID,), in the slots LAYER_MIN to D_MAX and MIRRORED.
+        table: action values, s, (layers, distances, bearings, actions).
+        grid: ends of the table's axes, (GRID,), in the slots LAYER_MIN to D_MAX and MIRRORED.
         d: distance of the goal, m.
-        phi: its bearing, rad.
-        h: entropy of the belief, nats.
-        cells: indices, (8,), written.
-        weights: of the points, sum 1, (8,), written.
+        phi: bearing of the goal relative to the robot's heading, rad.
+        h: entropy of the pose belief, nats.
+        cells: indices of the 8 points, (8,), written.
+        weights: weights of the 8 points, sum 1, (8,), written.
 
     Returns:
-        1.0 where the state was mirrored (left is right), else 0.0.
+        1.0 if the state was mirrored (left and right exchanged), else 0.0.
     """
     flip = grid[MIRRORED] < 0.0 and phi < 0.0
     if flip:
@@ -75,30 +75,29 @@ def corners(table: Array, grid: Array, d: float, phi: float, h: float, cells: In
 
 
 class Lessons(NamedTuple):
-    """Action-value tables that a Sarsa(lambda) training changes, with its settings and the durations of its
-    episodes."""
+    """Action-value tables that a Sarsa(lambda) training changes, its settings, and the durations of its episodes."""
 
     table: Array
-    """Action values, (layers, nd, nphi, A) s."""
+    """Action values, s, (layers, nd, nphi, A): entropy layers, distances, bearings, actions."""
     mean_table: Array
-    """Sum of the action-value tables that are averaged, (layers, nd, nphi, A) s."""
+    """Sum of the action-value tables of the episodes to average, s, (layers, nd, nphi, A)."""
     grid: Array
-    """Axes of the table, (GRID,), see `grids`."""
+    """Ends of the axes of the action-value table, (GRID,), indexed by the slots of the module `grids`."""
     settings: Array
     """Settings of the training, (SETTINGS,), indexed by `ALPHA_FIRST` ... `AVERAGE_FROM`."""
     seconds: Array
-    """Duration of each training episode in simulated time, (episodes,) s."""
+    """Simulated duration of each training episode, s, (episodes,)."""
 
 
 class EligibilityTraces(NamedTuple):
-    """Eligibility traces of one episode, and the points of the grid around its present state."""
+    """Eligibility traces of one Sarsa episode, and the grid points around its present state."""
 
     place_of: Ints
     """Index in `active` of each cell of the flat action-value table, (cells,); -1 = the cell has no trace."""
     active: Ints
     """Indices of the flat action-value table's cells that have an eligibility trace, (cells,)."""
     eligibility: Array
-    """Eligibility of each cell listed in `active`, (cells,), no unit."""
+    """Eligibility of each cell listed in `active`, (cells,), dimensionless."""
     cells: Ints
     """Indices of the flat table's cells of action 0 at the 8 grid points around the state, (8,)."""
     weights: Array
@@ -117,7 +116,7 @@ class LearningRoom(NamedTuple):
 
 
 def learning_room(world: Arrays, size: int) -> LearningRoom:
-    """Return the work arrays of `learn`, for a model and a flattened table of `size` numbers."""
+    """Return the work arrays of `learn` for a model and an action-value table of `size` elements."""
     traces = EligibilityTraces(
         np.full(size, -1, dtype=np.int64),
         np.zeros(size, dtype=np.int64),
@@ -131,9 +130,9 @@ def learning_room(world: Arrays, size: int) -> LearningRoom:
 
 @free_kernel
 def _explored(chosen: int, eps: float, status: Record, mask: Flags, explore: Stream) -> int:
-    """Return the index of the chosen action, or with probability eps of an allowed one at random; never while blocked.
+    """Return the chosen action, or, with probability eps and unless blocked, an allowed one drawn at random.
 
-    `status`: a record STATUS; `mask` (A,): allowed actions; `explore` (4,) uint64: random stream.
+    `status`: record STATUS of the episode; `mask` (A,): True for allowed actions; `explore` (4,) uint64: random stream.
     """
     if uniform(explore) < eps and status.blocked == 0.0:
         chosen = below(explore, mask.size)
@@ -144,9 +143,9 @@ def _explored(chosen: int, eps: float, status: Record, mask: Flags, explore: Str
 
 @free_kernel
 def _credit(flat: Array, traces: EligibilityTraces, count: int, step: float, decay: float) -> int:
-    """Add step * trace to the cells of a table `flat` (size,) that have one, in place; return the traces left.
+    """Add step * trace to the cells of a table `flat` (size,) with a trace, decay the traces; return their new number.
 
-    The traces decay; `count` of them there were.
+    `count`: number of traces before; `decay`: factor on each trace, 0 to 1; traces below `LEAST_TRACE` are removed.
     """
     kept = 0
     for i in range(count):
@@ -164,9 +163,10 @@ def _credit(flat: Array, traces: EligibilityTraces, count: int, step: float, dec
 
 @free_kernel
 def _mark(flat: Array, traces: EligibilityTraces, own: int, count: int, accumulate: bool) -> tuple[float, int]:
-    """Set eligibility traces of action `own` at the points around a state; return its value and the trace count.
+    """Set eligibility traces of action `own` at the points around a state; return the action's value and trace count.
 
-    `flat`: the table of values, flattened; `count`: traces before; `accumulate`: add to a trace, else replace it.
+    `flat`: action-value table, flattened; `count`: number of traces before; `accumulate`: True: add to a trace, False:
+    replace it if the new one is larger.
     """
     value = 0.0
     for c in range(8):
@@ -189,7 +189,7 @@ def _mark(flat: Array, traces: EligibilityTraces, own: int, count: int, accumula
 def _learn_episode(
     lessons: Lessons, policy: PolicyTables, model: ModelTables, run: int, e: int, part: float, room: LearningRoom
 ) -> None:
-    """Update the action values by episode e, in place; `part`: share of the training before it, 0 to 1."""
+    """Update the action values by episode e, in place; `part`: finished share of the training, 0 to 1."""
     scene, settings, state, traces = model.scene[0], lessons.settings, room.state, room.traces
     status, values, gx, gy = state.status, room.choice.values, scene.goal_x, scene.goal_y
     flat, gamma = lessons.table.reshape(-1), scene.gamma
@@ -226,11 +226,11 @@ def learn(lessons: Lessons, model: ModelTables, run: int, start: int, end: int, 
     """Update the action values by Sarsa(lambda) over episodes start .. end - 1, in place.
 
     Args:
-        lessons: tables that are changed; `seconds` has an element for each episode of the whole training.
-        model: actions and scene.
-        run: seed of the training.
-        start: number of the first episode.
-        end: number of the last episode + 1.
+        lessons: tables to change; `seconds` has an element for each episode of the whole training.
+        model: tables of actions and scene.
+        run: index of the random stream of the training.
+        start: index of the first episode.
+        end: index of the last episode + 1.
         room: work arrays.
     """
     policy = PolicyTables(SARSA, np.zeros(NUMBERS), lessons.table, lessons.grid, np.eye(3))

@@ -17,14 +17,14 @@ from ..pools import worker_threads
 from .sarsa import Schedule, Training, train
 
 SELECTION = 2**40
-"""Index of the random stream of the episodes that select one of several trainings; no training or evaluation uses
-it."""
+"""Index of the random stream of the episodes by which the best of several trainings is selected; no training or
+evaluation uses this stream."""
 SELECTED_ON = 500  # episodes
 
 
 @dataclass
 class Trained:
-    """Result of one training: seed, mean time (s) and success on the selection episodes, and True if it was kept."""
+    """Result of one training: seed, mean time (s) and share of success on the selection episodes, True if selected."""
 
     seed: int
     mean_s: float
@@ -52,11 +52,11 @@ def make_sarsa(
     Args:
         model: navigation model of the robot.
         schedule: settings of the training.
-        seed: of the first training.
+        seed: seed of the first training.
         runs: number of trainings.
         out: policy file; checkpoints are kept beside it and removed at the end.
-        resume: go on from checkpoints that are there.
-        progress: gets the share that is done, and the state of a training in words.
+        resume: True: continue from existing checkpoints; False: begin anew.
+        progress: called with the share that is done, 0 to 1, and the state of a training in words.
     """
     lock, over, world, done = threading.Lock(), threading.Event(), arrays(model), dict[int, int]()
 
