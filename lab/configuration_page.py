@@ -1,6 +1,6 @@
-"""The page of all parameters, docs/configuration.md.
+"""Generator of the page docs/configuration.md, which lists all parameters of all services.
 
-Made by `python -m surefoot.lab.configuration_page > docs/configuration.md`.
+Run by `python -m surefoot.lab.configuration_page > docs/configuration.md`.
 """
 
 import json
@@ -69,7 +69,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def _allowed(field: FieldInfo, live: bool) -> str:
-    """Return the allowed values of a parameter as text: its range, its words, or its type."""
+    """Return the allowed values of a parameter as text: type, range or words, null, and `live` if `live`."""
     limits = [f"{_SIGNS[name]} {value}" for part in field.metadata for name, value in _limits(part)]
     kinds = get_args(field.annotation)
     words = [f"`{kind}`" for kind in kinds if isinstance(kind, str)]
@@ -84,7 +84,7 @@ def _limits(part: Any) -> list[tuple[str, float]]:
 
 
 def _used() -> dict[tuple[str, str], set[str]]:
-    """Return the names of the files that set each parameter, by (service, parameter)."""
+    """Return the names of the scenario and compose files that set each parameter, by (service, parameter)."""
     found: dict[tuple[str, str], set[str]] = {}
     for path in sorted((ROOT / "scenarios").glob("*.toml")):
         for service, fields in load_scenario(path).config.items():

@@ -1,4 +1,4 @@
-"""Worker processes and threads for jobs that do not depend on each other."""
+"""Pools of worker processes and threads for independent jobs."""
 
 import os
 import signal
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def worker_processes(jobs: int | None = None, begin: Callable[[], object] = bool) -> Iterator[ProcessPoolExecutor]:
-    """Yield a process pool; on Ctrl-C its processes are killed at once and waiting jobs are not begun.
+    """Yield a process pool; on Ctrl-C its processes are killed at once and waiting jobs are dropped.
 
     Args:
         jobs: number of processes; None = one per core.
@@ -34,7 +34,7 @@ def worker_processes(jobs: int | None = None, begin: Callable[[], object] = bool
 
 @contextmanager
 def worker_threads() -> Iterator[Executor]:
-    """Yield a pool of one thread per core; after Ctrl-C or an error running jobs finish, waiting ones are not begun."""
+    """Yield a pool with one thread per core; after Ctrl-C or an error running jobs finish, waiting ones are dropped."""
     pool = ThreadPoolExecutor(os.cpu_count() or 1)
     try:
         yield pool

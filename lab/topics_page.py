@@ -1,4 +1,4 @@
-"""The page of all topics and queries, docs/topics.md: `python -m surefoot.lab.topics_page > docs/topics.md`."""
+"""Generator of the page docs/topics.md: `python -m surefoot.lab.topics_page > docs/topics.md`."""
 
 import inspect
 import sys
@@ -43,7 +43,7 @@ def page() -> str:
 
 
 def rate(topic: Topic[Any]) -> str:
-    """Return the rate of a topic in Hz as text, `event` where it has no period."""
+    """Return the rate of a topic in Hz as text, in simulated time unless marked; `event` if it has no period."""
     if topic.rate_hz == 0.0:
         return "event"
     if topic.wall_period_s:
@@ -61,7 +61,7 @@ def _yes(flag: bool) -> str:
 
 
 def table(names: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table as Markdown."""
+    """Return a table as Markdown text; `names`: titles of the columns, `rows`: cells of each row."""
     lines = [names, ["---"] * len(names), *(tuple(cell.replace("|", "\\|") for cell in row) for row in rows)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 

@@ -1,4 +1,4 @@
-"""First message and field in which two recordings differ."""
+"""Search for the first message and field in which two recordings differ."""
 
 import json
 from collections import deque
@@ -14,9 +14,9 @@ from surefoot.schemas.base import Bulk
 from surefoot.schemas.topics import TOPICS, Kind
 
 ORDER = {topic.key: place for place, topic in enumerate(TOPICS)}
-"""Index of each topic, by key, in the table of topics; orders differences within one tick."""
+"""Index of each topic in the table of topics, by key; it orders differences within one control tick."""
 COMPARED = tuple(topic.key for topic in TOPICS if topic.deterministic and topic.kind is not Kind.STATUS)
-"""Keys of topics whose messages are identical whenever a run is repeated."""
+"""Keys of the topics that are compared: their messages are identical whenever a run is repeated."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class FirstDifference:
     """First message and field in which two recordings differ.
 
     Attributes:
-        key, tick: topic and control tick of the message.
-        field: path in the message, empty where one recording lacks it.
-        a, b: value in each recording, `absent` where it lacks the message.
+        key, tick: key of the topic, and control tick of the message.
+        field: path of the field in the message; empty if one recording lacks the message.
+        a, b: value of the field in each recording, or `there` and `absent` if one lacks the message.
     """
 
     key: str
@@ -37,7 +37,7 @@ class FirstDifference:
 
     @property
     def sentence(self) -> str:
-        """Return the difference in words."""
+        """Difference as a sentence: topic, tick, field, and the value in each recording."""
         where = f"field {self.field}" if self.field else "the message"
         return f"{self.key} at tick {self.tick}, {where}: {self.a} in the first, {self.b} in the second"
 
@@ -45,14 +45,14 @@ class FirstDifference:
 def first_difference(
     a: Path | ReadableRecording, b: Path | ReadableRecording, progress: Callable[[float], None] | None = None
 ) -> FirstDifference | None:
-    """Return the first difference of the deterministic messages of two recordings; None: there is none.
+    """Return the first difference of the deterministic messages of two recordings; None = there is none.
 
     Both files are read side by side in the order of their stamps. Of a file that is cut off or damaged only the part
     before the first loss is compared; later messages do not count as absent.
 
     Args:
         a, b: MCAP files, or recordings that are open.
-        progress: gets the share of the first that is read.
+        progress: called with the share of `a` that has been read, 0 to 1.
 
     Raises:
         SurefootError: a file cannot be read, or both have no key in common.
@@ -76,7 +76,7 @@ def first_difference(
 
 
 def _earlier(ahead: list[Recorded | None]) -> int | None:
-    """Return the index, 0 or 1, of the stream whose next message is earlier; None: both streams have ended."""
+    """Return the index, 0 or 1, of the stream whose next message is earlier; None = both streams have ended."""
     one, other = ahead
     if one is None:
         return None if other is None else 1
@@ -96,7 +96,7 @@ class _Pairing:
         self._waiting: dict[str, tuple[int, deque[Recorded]]] = {}
 
     def take(self, side: int, item: Recorded, now_ns: int) -> None:
-        """Take the next message of a file; the other file has been read up to `now_ns`."""
+        """Pair the next message of file `side` (0 or 1); the next stamp of the other file is `now_ns`."""
         key = item.key
         if key in self._ended:
             return
@@ -115,13 +115,13 @@ class _Pairing:
             waiting.append(item)
 
     def end(self) -> None:
-        """Record all messages without a partner as absent in the other file; called when both files are read."""
+        """Record the messages left without a partner as absent in the other file; called when both files are read."""
         for side, waiting in list(self._waiting.values()):
             if waiting and waiting[0].key not in self._ended:
                 self._miss(waiting[0], side)
 
     def _miss(self, item: Recorded, side: int) -> None:
-        """Record a message as absent in the other file, unless that file was cut off before it."""
+        """Record a message of file `side` as absent in the other file, unless that file is damaged or cut off."""
         if self._cut[1 - side]:
             self._ended.add(item.key)
         else:
@@ -134,7 +134,7 @@ class _Pairing:
 
 
 def _absent(item: Recorded, side: int) -> FirstDifference:
-    """Return the difference for a message that only one file has; `side`: index of that file, 0 or 1."""
+    """Return the difference of a message that only one file has; `side`: index of that file, 0 or 1."""
     there = ("there", "absent") if side == 0 else ("absent", "there")
     return FirstDifference(item.key, int(_content(item).get("tick", -1)), "", *there)
 
@@ -144,7 +144,7 @@ def _keys(recording: ReadableRecording) -> set[str]:
 
 
 def _content(item: Recorded) -> dict[str, Any]:
-    """Return the JSON of a message; of an array its header."""
+    """Return a message as JSON values; of a message with a raw array only the header."""
     raw: Raw = item.raw()
     bulk = item.model is not None and issubclass(item.model, Bulk)
     try:

@@ -1,4 +1,4 @@
-"""`surefoot why`, `verify`, `whatif`, `bisect`: recorded runs explained, repeated, and side by side."""
+"""Commands `surefoot why|verify|whatif|bisect`: explain, repeat, change and compare recorded runs."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -23,7 +23,7 @@ Keep = Annotated[Path | None, typer.Option("--out", "-o", help="Keep the repetit
 
 
 def _changes(incomplete: str) -> list[str]:
-    """Return the quantities that a repetition of a run can change, each with its `=`, that begin with `incomplete`."""
+    """Return the names of changes for `whatif --set`, each with its `=`, that begin with `incomplete`."""
     from .repeat import FAULT, FOOT, PUSH, WORLD
 
     return beginning((f"{name}=" for name in (*WORLD, PUSH, FAULT, FOOT)), incomplete)
@@ -104,7 +104,7 @@ def verify(
 
 
 def _ending(found: "Verification") -> Iterator[str]:
-    """Yield in words which messages of the file were altered after the run, and whether the run repeats."""
+    """Yield sentences: which messages of the file were altered after the run, and if the run repeats."""
     from surefoot.record.recording import topic_of
 
     inputs = [key for key in found.altered if (topic := topic_of(key)) is not None and topic.owner == "driver"]
@@ -120,7 +120,7 @@ def _ending(found: "Verification") -> Iterator[str]:
 
 
 def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
-    """Repeat runs of the public list and show which have its hash."""
+    """Repeat runs of the public list (scenarios `names`, all if empty) and show which have the listed hash."""
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
     from surefoot.version import numbers
 
@@ -219,9 +219,9 @@ def _show(found: "FirstDifference | None") -> None:
 
 
 def _warm(scenario: "Scenario") -> None:
-    """Compile the kernels of a scenario's system unless they are kept; share and time left are shown meanwhile.
+    """Compile the kernels of a scenario's system unless they are in the cache, with progress lines.
 
-    A robot that is known by its recording alone is left out: its kernels are compiled in the run.
+    For a robot that exists only in the recording nothing is done: its kernels are compiled during the run.
     """
     from surefoot.robot.description import RobotError
     from surefoot.services.supervisor.processes.startable import system_of

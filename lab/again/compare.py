@@ -1,4 +1,4 @@
-"""Comparison of two runs from a moment on: stability margin, slip and outcome side by side."""
+"""Comparison of stability margin, slip and outcome of two recorded runs from a simulated time on."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +15,7 @@ READ = (*KEYS, "terrain/map")
 
 
 class ComparedRow(NamedTuple):
-    """Row of a comparison of two runs: a quantity of both, as text with its unit."""
+    """Row of a comparison of two runs: name of a quantity, and its value in each run as text with unit."""
 
     title: str
     before: str
@@ -23,7 +23,7 @@ class ComparedRow(NamedTuple):
 
 
 def compare(a: Path | ReadableRecording, b: Path, at_s: float) -> list[ComparedRow]:
-    """Return the results of two runs after `at_s` s of simulated time, one row per quantity.
+    """Return the results of two runs from simulated time `at_s`, s, on, one row per quantity.
 
     If recording `a` is cut off or damaged, both are read only up to its first loss.
     """
@@ -40,7 +40,7 @@ def compare(a: Path | ReadableRecording, b: Path, at_s: float) -> list[ComparedR
 
 
 def _ended(recording: ReadableRecording, ends: dict[str, int]) -> Iterator[Recorded]:
-    """Yield the messages before the first loss, and put the stamp of the last one of each key into `ends`."""
+    """Yield the messages before the first loss, and write the stamp, ns, of the last one of each key into `ends`."""
     for item in recording.messages(READ, gapless=True):
         ends[item.key] = item.stamp_ns
         yield item

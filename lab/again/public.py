@@ -1,4 +1,4 @@
-"""Public list of runs: scenario, seed and the hash that every machine gives (`hashes.csv`)."""
+"""Public list of runs (`hashes.csv`): scenario, seed, and the hash that the run has on every machine of `NUMBERS`."""
 
 import csv
 from pathlib import Path
@@ -17,12 +17,12 @@ NUMBERS = "x86_64, functions da308857"
 
 
 class PublicRun(NamedTuple):
-    """Row of the public list of runs: a shipped scenario with the hash that its run has on every machine.
+    """Row of the public list of runs: a shipped scenario with the hash of its run.
 
     Attributes:
         scenario: name of the shipped scenario.
-        seed: of the run.
-        ticks: control ticks of the run.
+        seed: seed of the run.
+        ticks: number of control ticks of the run.
         run_hash: hash of the run in lockstep.
     """
 
@@ -32,13 +32,13 @@ class PublicRun(NamedTuple):
     run_hash: str
 
     def again(self) -> "PublicRun":
-        """Repeat the run on this machine, and return the row with its ticks and hash here."""
+        """Repeat the listed run on this machine, and return a row with the ticks and hash found here."""
         found = run_local(load_scenario(self.scenario), self.seed)
         return PublicRun(self.scenario, found.seed, found.ticks, found.run_hash)
 
 
 def public_runs(names: tuple[str, ...] = ()) -> tuple[PublicRun, ...]:
-    """Return the public list of runs, or its rows of some scenarios (raises SurefootError: a name that it lacks)."""
+    """Return the public list of runs, or the rows of scenarios `names` (raises SurefootError: a name is not listed)."""
     with LIST.open(encoding="utf-8", newline="") as stream:
         found = [row.values() for row in csv.DictReader(stream)]
     rows = [PublicRun(scenario, int(seed), int(ticks), run_hash) for scenario, seed, ticks, run_hash in found]

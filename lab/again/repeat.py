@@ -1,4 +1,4 @@
-"""Repetition of a recorded run from its metadata, unchanged or with changes from a tick on."""
+"""Repetition of a recorded run from its metadata, unchanged or with changes from a control tick on."""
 
 import json
 import tempfile
@@ -28,14 +28,14 @@ from ..runs.local import run_local
 from .bisect import FirstDifference, first_difference
 
 WORLD = ("friction", "mass", "servo")
-"""Names of the quantities of the world that `whatif` can scale or set."""
+"""Quantities of the simulated world that `whatif` can change: friction coefficient, factors on mass and servo gain."""
 FOOT, PUSH, FAULT = "foot", "push", "fault"
 LARGEST_SHIFT = 0.2
-"""Largest displacement of a foothold that `whatif` allows, along an axis in either direction, m."""
+"""Largest displacement of a foothold along x of the map, in either direction, that `whatif` allows, m."""
 PUSH_S = 0.2
 """Duration of a push that `whatif` applies, s."""
 FORMS = "friction=.6, mass=1.2, servo=.8, push=y:20 (N), fault=imu_drop:2 (s), foot=lf:+.02 (m)"
-"""One example of each form of a change."""
+"""Examples of the option `whatif --set`, one of each form, shown in errors."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class RecordedRun:
         recording: readable part of the file.
         scenario: scenario as it was run, with actuation delay and robot.
         seed: seed of the run.
-        run_hash: recorded hash; empty = the file was cut off before it.
-        hashes: digest of the messages of each topic, by key.
-        robot_hash: hash of the robot description.
+        run_hash: recorded hash of the run; empty = the file was cut off before it.
+        hashes: recorded digest of the messages of each topic, by key.
+        robot_hash: hash of the robot description; empty = not recorded.
         versions: versions of the software that computed the run, by name.
-        ticks: control ticks of the run.
+        ticks: number of control ticks of the run.
         files: content of the files attached to the recording, on which the run depended, by name.
     """
 
@@ -69,7 +69,7 @@ class RecordedRun:
         """Return the metadata of the run in a recording.
 
         Raises:
-            SurefootError: the recording cannot be read, has no scenario, or the run was paced.
+            SurefootError: the recording cannot be read or has no scenario, or the run was paced or kills a service.
         """
         recording = open_readable(path)
         metadata = recording.metadata
@@ -95,12 +95,12 @@ class RecordedRun:
         meddle: Callable[[LocalSystem], None] = lambda system: None,
         progress: Callable[[float], None] = lambda share: None,
     ) -> str:
-        """Repeat the run into another recording and return its hash.
+        """Repeat the run, write it to another recording, and return the hash of the repetition.
 
         Args:
             to: recording to write.
-            meddle: gets the system before the run begins.
-            progress: gets the share that is done.
+            meddle: called with the system before the run begins.
+            progress: called with the share that is done, 0 to 1.
 
         Raises:
             SurefootError: the robot is not known here or has changed since, and the recording has no copy of it.
@@ -115,7 +115,7 @@ class RecordedRun:
             return run_local(scenario, self.seed, recording=to, meddle=prepare).run_hash
 
     def _with_files(self, folder: Path) -> Scenario:
-        """Return the scenario with the recording's files in the place of those that are gone, or others now."""
+        """Return the scenario with the recorded copies in place of files that are missing or have changed since."""
         robot, scenario, attached = self.scenario.robot or "", self.scenario, self.files.get(ROBOT_FILE)
         try:
             same = self.robot_hash in ("", load_robot(robot).hash)
@@ -157,12 +157,12 @@ class Verification:
 
     Attributes:
         recorded, repeated: hash of the recorded and of the repeated run.
-        keys: keys whose digests differ.
-        first: first difference of the messages; None: there is none.
+        keys: keys of topics whose digests differ.
+        first: first difference of the messages; None = there is none.
         versions: recorded and present version of software that has changed since, by name.
-        altered: keys whose messages in the file are not those that were recorded.
+        altered: keys of topics whose messages in the file are not those that were recorded.
         damage: reason why a part of the recording cannot be read; empty = all of it can be read.
-        compared_s: simulated time to which its messages were compared, s; None: the hashes were.
+        compared_s: simulated time up to which messages were compared, s; None = hashes were compared instead.
     """
 
     recorded: str
@@ -176,18 +176,18 @@ class Verification:
 
     @property
     def repeats(self) -> bool:
-        """True if the repeated run has the recorded hash or, if that is lost, all comparable messages are equal."""
+        """True if the repetition has the recorded hash or, if that is lost, equal readable messages; else False."""
         return self.recorded == self.repeated or (not self.recorded and bool(self.damage) and self.first is None)
 
     @property
     def same(self) -> bool:
-        """True if the repetition has the recorded hash, and the file holds all of its messages unaltered."""
+        """True if the repetition has the recorded hash, and the file holds all its messages unaltered; else False."""
         return self.recorded == self.repeated and not self.altered and not self.damage
 
 
 @contextmanager
 def kept(out: Path | None) -> Generator[Path]:
-    """Yield the path to which a repetition is written; it becomes `out` at the end, or is temporary for None."""
+    """Yield the path to which a repetition is written: it is moved to `out` at the end, or deleted if `out` is None."""
     if out is not None:
         with whole(out) as part:
             yield part
@@ -203,8 +203,8 @@ def verify(
 
     Args:
         run: recorded run in lockstep.
-        keep: file for the repetition; None = a temporary one.
-        progress: gets the share that is done.
+        keep: recording of the repetition to keep; None = it is deleted.
+        progress: called with the share that is done, 0 to 1.
 
     Raises:
         SurefootError: see `RecordedRun.again`.
@@ -246,24 +246,24 @@ def _altered(run: RecordedRun) -> tuple[str, ...]:
 
 
 def _joined(key: str) -> bool:
-    """Return whether the recorder takes the messages of a key with its ticks, whose digest holds their stamps."""
+    """Return True if messages of a key are recorded tick by tick, with their stamps in the digest; else False."""
     topic = topic_of(key)
     return topic is not None and topic.kind not in (Kind.LATCHED, Kind.STATUS)
 
 
 def _not_allowed(why: str) -> SurefootError:
-    """Return the error for a change that is not allowed, with the reason and the allowed forms."""
+    """Return the error for a change that is not allowed, with the reason `why` and the allowed forms."""
     return SurefootError("invalid", f"{why}; allowed are {FORMS}", "set")
 
 
 @dataclass(frozen=True)
 class Change:
-    """Change that a repetition makes to a run, as `friction=.6` or `foot=lf:+.02`.
+    """Change of a run in its repetition, from a text like `friction=.6` or `foot=lf:+.02`.
 
     Attributes:
-        name: quantity of the world, `push`, `fault` or `foot`.
-        value: number without unit, s of a fault, N of a push, or m of a foot.
-        target: leg of a foot, kind of a fault, axis of a push.
+        name: quantity of the simulated world, `push`, `fault` or `foot`.
+        value: coefficient or factor of a quantity, duration of a fault, s, force of a push, N, or shift of a foot, m.
+        target: leg of a foot, kind of a fault, axis of a push (x or y).
     """
 
     name: str
@@ -272,7 +272,7 @@ class Change:
 
     @classmethod
     def of(cls, text: str) -> "Change":
-        """Parse the text of a change (raises SurefootError, which names what is allowed)."""
+        """Parse the text of a change (raises SurefootError with the allowed forms)."""
         name, sign, rest = text.partition("=")
         target, colon, number = rest.rpartition(":")
         known = (name in WORLD and not colon) or (name in (FOOT, PUSH, FAULT) and bool(target))
@@ -294,7 +294,7 @@ class Change:
         return change
 
     def step(self, tick: int) -> Step | None:
-        """Return the scenario step that makes the change at a tick; None for a change of a foot."""
+        """Return the scenario step that makes the change at a control tick; None for a shift of a foot."""
         if self.name in WORLD:
             return Step("set", at_tick=tick, request=SetRequest(quantity=self.name, value=self.value))  # type: ignore[arg-type]
         if self.name == PUSH:
@@ -313,13 +313,14 @@ def changed(
     to: Path,
     progress: Callable[[float], None] = lambda share: None,
 ) -> str:
-    """Repeat a run with changes from a time on, and return the hash; without a change it is the recorded one.
+    """Repeat a run with changes from a time on; return the hash, which without changes is the recorded one.
 
     Args:
+        run: recorded run in lockstep.
         at_s: simulated time from which on the changes hold, s.
-        changes: what is different.
+        changes: changes of world, forces, faults and footholds.
         to: recording to write.
-        progress: gets the share that is done.
+        progress: called with the share that is done, 0 to 1.
 
     Raises:
         SurefootError: the time is outside of the run, or the robot has no such leg or no foothold service.
@@ -334,7 +335,7 @@ def changed(
 
 
 def _shift(system: LocalSystem, feet: dict[str, float], tick: int) -> None:
-    """Shift the footholds of legs forward, along the x axis of the map, from a tick on."""
+    """Shift the chosen footholds of legs along x of the map from a tick on; `feet`: shift by leg name, m."""
     service: Any = next((node.service for node in system.nodes if node.name == "footholds"), None)
     if service is None:
         raise SurefootError("invalid", "--set foot: this system has no service `footholds`", "set")

@@ -1,4 +1,4 @@
-"""`surefoot audit`: the margins of a recorded walk, proved again."""
+"""Command `surefoot audit`: check the stability margins of a recorded walk by independent proofs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from ..cli.progress import Progress
 
 app = typer.Typer()
 SHOWN = 20
-"""Largest number of contradicted claims that the table lists."""
+"""Largest number of contradicted stability margins that the printed table lists."""
 
 
 @app.command()

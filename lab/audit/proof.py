@@ -18,22 +18,22 @@ EXACT = 1e-6
 
 
 def tangential(vectors: Array, normals: Array) -> tuple[Array, Array]:
-    """Return the parts of vectors along unit normals, (n,), and the lengths of those across them, (n,), in their unit.
+    """Return the components of vectors along unit normals, (n,), and the lengths of their tangential parts, (n,).
 
-    vectors, normals: (n, 3) each, same axes.
+    `vectors`, `normals`: (n, 3) each, in the same axes; the unit is that of `vectors`.
     """
     along = (vectors * normals).sum(axis=1)
     return along, np.sqrt(((vectors - along[:, None] * normals) ** 2).sum(axis=1))
 
 
 def holds(points: Array, normals: Array, mu: float, forces: Array, com: Array) -> bool:
-    """Return True if contact forces prove that a robot on its contacts is held with its centre of mass at `com`.
+    """Return True if contact forces prove static equilibrium of a robot with its centre of mass at `com`, else False.
 
     Args:
         points: contacts, (n, 3) m, z up.
         normals: unit normals of the ground, (n, 3).
         mu: friction coefficient.
-        forces: of the ground on the robot, (n, 3), in units of the weight.
+        forces: forces of the ground on the robot, (n, 3), in units of the weight.
         com: x, y of the centre of mass, (2,) m.
     """
     along, across = tangential(forces, normals)
@@ -45,14 +45,14 @@ def holds(points: Array, normals: Array, mu: float, forces: Array, com: Array) -
 
 
 def bounds(points: Array, normals: Array, mu: float, twist: Array, direction: Array) -> float:
-    """Return the h, m, for which a twist proves that the CoM c of a robot that stands has a'c <= h; inf: no proof.
+    """Return the bound h, m, for which a twist proves a'c <= h for the CoM c in equilibrium; inf = no proof.
 
     Args:
-        points: contacts, (n, 3) m, z up.
+        points: contact points, (n, 3) m, z up.
         normals: unit normals of the ground, (n, 3).
         mu: friction coefficient.
         twist: (v_x, v_y, v_z, w_z), (4,), v in m.
-        direction: unit vector a, (2,).
+        direction: horizontal unit vector a, (2,).
     """
     spin = np.array([-direction[1], direction[0], twist[3]])
     along, across = tangential(twist[:3] + np.cross(spin, points), normals)
@@ -60,9 +60,10 @@ def bounds(points: Array, normals: Array, mu: float, twist: Array, direction: Ar
 
 
 def inside(held: Sequence[Array], com: Array) -> float:
-    """Return a margin, m, that held points (n, 2) m prove for a centre of mass (2,) m: the distance to their hull.
+    """Return the distance, m, of a CoM (2,) m from the edge of the convex hull of equilibrium points (n, 2) m.
 
-    The region is convex, so the hull of held points is held. -inf: the centre of mass is not inside.
+    The stability region is convex, so the hull lies in it and the distance is a proved margin. -inf = the CoM is not
+    inside of the hull.
     """
     rows = np.array(sorted({(float(x), float(y)) for x, y in held}))
     if len(rows) < 3:

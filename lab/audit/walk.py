@@ -1,7 +1,7 @@
 """Audit of a recorded walk: the margin that each `state/stability` claims, against proofs from the recorded samples.
 
-The contacts are computed anew from recorded joints, stance and gravity; the solver of the stability service proposes
-forces and twists for them, and `proof.py`, which knows no solver, decides what they prove.
+The contacts are computed anew from recorded joints, stance and gravity. The solver of the stability service proposes
+forces and twists for them, and `proof.py`, which uses no solver, checks what they prove.
 """
 
 from collections.abc import Callable
@@ -24,21 +24,21 @@ from surefoot.services.stability.answers import region_reply
 from .proof import bounds, holds, inside
 
 ALLOWED_M = 2e-3
-"""Difference between a claimed margin and a proved bound, m, up to which they do not contradict: twice the tolerance of
-the service's regions."""
+"""Difference between a claimed margin and a proved bound, m, above which the claim counts as contradicted: twice the
+tolerance of the stability service's regions."""
 DIRECTIONS = 32
-"""Number of horizontal directions in which proofs are searched."""
+"""Number of horizontal directions, evenly spaced, in which proofs of a margin are searched."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """Stability margin that one `state/stability` message claims, with the bounds proved for it."""
+    """Stability margin in one `state/stability` message, with the bounds proved for it."""
 
     tick: int
     step: int
-    """Number of steps that the walker had taken at the time of the claim."""
+    """Number of steps that the walker had taken at the time of the message."""
     claimed: float
-    """Claimed stability margin of the planned CoM, m."""
+    """Stability margin of the planned CoM in the message, m."""
     least: float
     """Lower bound of the margin, m, proved by contact forces; -inf = no bound was proved."""
     most: float
@@ -46,12 +46,12 @@ class Claim:
 
     @property
     def contradicted(self) -> bool:
-        """True if a proof excludes the claim: the true margin is smaller, or the CoM is held where it claims not."""
+        """True if the claimed margin is above `most` or below `least` by more than `ALLOWED_M`, else False."""
         return self.claimed > self.most + ALLOWED_M or self.claimed < self.least - ALLOWED_M
 
     @property
     def proved(self) -> bool:
-        """True if forces prove that the robot was held, or twists that it was not, as claimed."""
+        """True if a bound (`least`; `most` of a negative margin) confirms the claim within `ALLOWED_M`, else False."""
         if self.claimed < 0.0:
             return self.most <= self.claimed + ALLOWED_M and not self.contradicted
         return self.least >= self.claimed - ALLOWED_M and not self.contradicted
@@ -59,23 +59,23 @@ class Claim:
 
 @dataclass(frozen=True)
 class Audit:
-    """Claimed margins of a recorded walk, each with its proved bounds, and the number of messages not checked."""
+    """Result of an audit of a recorded walk: claimed margins with proved bounds, number of messages not checked."""
 
     robot: str
     claims: tuple[Claim, ...]
     unchecked: int
-    """Number of `state/stability` messages without a margin, or without the samples that they were computed from."""
+    """Number of `state/stability` messages not checked: without a margin, or without the joint and gravity samples."""
     notes: tuple[str, ...] = ()
-    """Sentences on parts of the recording that could or could not be read."""
+    """Remarks on the reading of the recording, e.g. parts that could not be read."""
 
     @property
     def steps(self) -> int:
-        """Number of different steps of the walk in which the stability service claimed a margin."""
+        """Number of steps of the walk in which the stability service claimed a margin."""
         return len({claim.step for claim in self.claims})
 
     @property
     def contradicted(self) -> tuple[Claim, ...]:
-        """Claims of a margin that a proof excludes."""
+        """Claimed margins that a proof contradicts."""
         return tuple(claim for claim in self.claims if claim.contradicted)
 
 
@@ -83,11 +83,11 @@ def audit(path: Path, progress: Callable[[float], None] = lambda share: None) ->
     """Check every stability margin that a recording claims against proved bounds, and return the audit.
 
     Args:
-        path: MCAP file.
-        progress: gets the share of the claims that is checked.
+        path: recording (MCAP).
+        progress: called with the share of the messages that has been checked, 0 to 1.
 
     Raises:
-        SurefootError: the recording cannot be read, names no robot, or claims nothing.
+        SurefootError: the recording cannot be read, names no robot, or has no `state/stability`.
     """
     recording = open_readable(path)
     robot = robot_of(recording)
@@ -132,17 +132,17 @@ def _claim(
 
 
 def _latest(known: dict[int, Any], tick: int) -> Any:
-    """Return the value of a control tick in `known`, else of the latest of the 19 ticks before; None: there is none."""
+    """Return the value of a control tick in `known`, else the latest of the 19 ticks before; None = there is none."""
     return next((known[t] for t in range(tick, max(-1, tick - 20), -1) if t in known), None)
 
 
 def level(robot: Robot, q: Array, g_up: Array, stance: Any) -> tuple[Array, Array]:
-    """Return the contact points of the standing feet (n, 3) and the CoM (2,), m, z up, x along the heading.
+    """Return contact points of standing feet (n, 3) and CoM (2,), m, in the level frame (z up, x along the heading).
 
     Args:
         q: joint angles, (nj,) rad.
         g_up: upward specific force at rest, base_link, (3,) m/s2.
-        stance: feet that stand, (L,).
+        stance: True for each foot that stands, (L,).
     """
     up = g_up / np.sqrt((g_up**2).sum())
     ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
@@ -154,10 +154,10 @@ def level(robot: Robot, q: Array, g_up: Array, stance: Any) -> tuple[Array, Arra
 
 
 def proved(robot: Robot, points: Array, mu: float, centre: Array) -> tuple[float, float]:
-    """Return the margins that forces and twists prove for a CoM (2,) m over contacts (n, 3) m on level ground.
+    """Return lower and upper bound, m, proved for the margin of a CoM (2,) m over contacts (n, 3) m on level ground.
 
     Returns:
-        Least and most margin, m, as in `Claim`.
+        Bounds as `least` and `most` of `Claim`: -inf, inf = no proof was found.
     """
     normals = np.tile((0.0, 0.0, 1.0), (len(points), 1))
     contacts = tuple(Contact(position=(x, y, z), normal=(0.0, 0.0, 1.0), mu=mu) for x, y, z in points.tolist())

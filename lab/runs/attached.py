@@ -1,4 +1,4 @@
-"""Files that a run depends on beside its scenario, to be attached to its recording: robot, models, maps."""
+"""Files besides the scenario that a run depends on (robot, models, maps), to be attached to its recording."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -9,14 +9,15 @@ from surefoot.services.footholds.models.shipped import shipped
 from surefoot.services.supervisor.processes.compose import Compose
 
 LARGEST = 16 * 1024 * 1024
-"""Largest size of a file that is attached to a recording, bytes."""
+"""Largest size of a file that is attached to a recording, bytes; larger files are left out."""
 
 
 def attached(compose: Compose, more: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return the paths of the files of a run, by name in the recording: `robot.toml`, `<service>.<field><suffix>`.
 
     Args:
-        more: further variables that configure services, as those of a scenario.
+        compose: system that is run.
+        more: further environment variables that configure services, e.g. of a scenario.
     """
     found = {ROBOT_FILE: robot_file(compose.robot)}
     for name, service in compose.services.items():
@@ -28,7 +29,7 @@ def attached(compose: Compose, more: Mapping[str, str] | None = None) -> dict[st
 
 
 def _configured(service: str, variables: Mapping[str, str]) -> Iterator[tuple[str, Path]]:
-    """Yield the files that variables name for a service."""
+    """Yield (name in the recording, path) of each readable file that environment variables name for a service."""
     begin = f"SUREFOOT_{service.upper()}_"
     for name, value in variables.items():
         path = Path(value.strip('"'))

@@ -15,7 +15,7 @@ from surefoot.services.walker.interface import WalkerInputs, WalkerOutputs
 
 
 def feed(world: PhysicsWorld, estimator: Estimator) -> None:
-    """Feed the sensor samples of a tick of a simulated world to an estimator, without the truth."""
+    """Feed the simulated sensor samples of the present tick to an estimator, without the ground truth."""
     samples = world.samples
     imu, joints, contacts = samples.imu, samples.joints, samples.contacts
     if imu is not None:
@@ -25,7 +25,7 @@ def feed(world: PhysicsWorld, estimator: Estimator) -> None:
 
 
 def sense(world: PhysicsWorld, estimator: Estimator) -> tuple[WalkerInputs, Any]:
-    """Feed the sensor samples of a tick to an estimator; return the walker's inputs, and the estimate in them."""
+    """Feed the sensor samples of the present tick to an estimator; return the walker's inputs, and the estimate."""
     feed(world, estimator)
     joints, contacts = world.samples.joints, world.samples.contacts
     estimate, pose = estimator.estimate(), estimator.pose()
@@ -40,23 +40,23 @@ def sense(world: PhysicsWorld, estimator: Estimator) -> tuple[WalkerInputs, Any]
 
 
 class JoinedLoop:
-    """Control loop of one run, with the actuation delay of bus servos.
+    """Control loop of simulated world, estimator and walker in one process, with the actuation delay of bus servos.
 
-    A tick is `decide`, then whatever the caller reads or commands, then `act`.
+    A tick is `decide`, then any readings or commands of the caller, then `act`.
 
     Args:
-        world: the simulated robot.
-        walker: gait that moves the robot.
-        delay: actuation delay, ticks.
+        world: simulated robot and terrain.
+        walker: gait that commands the joints.
+        delay: actuation delay, control ticks.
     """
 
     def __init__(self, world: PhysicsWorld, walker: Gait, delay: int = 1) -> None:
         self.world, self.walker = world, walker
         self.estimator = Estimator.for_robot(world.robot)
         self.out: WalkerOutputs | None = None
-        """Outputs of the walker in the current tick; None before its first tick."""
+        """Outputs of the walker in the present control tick; None before the first one."""
         self.costs_us: list[float] = []
-        """Wall time of the walker in each tick, us."""
+        """Wall time of the walker in each control tick so far, us."""
         self._pending: list[NDArray[np.float64]] = [world.command.copy()] * delay
 
     def decide(self) -> WalkerOutputs:
@@ -68,7 +68,7 @@ class JoinedLoop:
         return out
 
     def act(self) -> None:
-        """Advance the world by a tick, under the command of `delay` ticks before."""
+        """Advance the world by a control tick with the joint command of `delay` ticks ago."""
         command = None if self.out is None else self.out.command
         self._pending.append(self.world.command if command is None else command)
         self.world.step_tick(self._pending.pop(0))

@@ -1,4 +1,4 @@
-"""Run of a scenario on a live system, from its start to the verdict."""
+"""Run of a scenario on a live system of processes, from its start to the verdict."""
 
 import platform
 import shlex
@@ -38,7 +38,7 @@ START_S = 90.0  # s wall, until the simulator serves: cold kernels are compiled 
 STALL_S = 150.0  # s wall without a tick after which a run is given up (longer than the simulator's own patience)
 RECORDER_S = 10.0  # s wall, for the recorder to close its file
 LIBRARIES = ("mujoco", "numpy", "numba", "scipy", "eclipse-zenoh", "pydantic")
-"""Names of the libraries whose versions the report lists."""
+"""Names of the libraries whose versions the report of a run lists."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Options:
 
     Attributes:
         seed: seed of the run; None = the scenario's own.
-        record: True: write an MCAP file; False: do not record.
+        record: True: record the run to an MCAP file; False: do not.
         rtf: real-time factor at which the run is paced; None = lockstep at full speed.
         strict: True: no actuation delay; False: the delay that the scenario sets.
         listen: endpoint of the router, None = SUREFOOT_LISTEN or the default.
@@ -64,7 +64,7 @@ class Options:
 
 @dataclass(frozen=True)
 class RunProgress:
-    """Progress of a run: control ticks, simulated time (s), real-time factor so far, longest simulated time (s)."""
+    """Progress of a run: control ticks, simulated time (s), mean real-time factor, longest simulated time (s)."""
 
     ticks: int
     time: float
@@ -73,34 +73,34 @@ class RunProgress:
 
     @classmethod
     def at(cls, ticks: int, wall_s: float, most: float) -> "RunProgress":
-        """Return the progress after `ticks` and `wall_s` s of wall time; `most`: longest simulated time, s."""
+        """Return the progress after `ticks` ticks and `wall_s` s of wall time; `most`: longest simulated time, s."""
         return cls(ticks, ticks * TICK_S, ticks * TICK_S / wall_s, most)
 
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """Result of a live run: verdict, recording, report."""
+    """Result of a live run of a scenario: verdict, paths of recording and report, timing."""
 
     scenario: str
     seed: int
     verdict: RunVerdict
     report: Path | None
-    """Path of the report; None where it could not be written, and a note of the verdict states why."""
+    """Path of the HTML report; None = it could not be written, a note of the verdict states why."""
     recording: Path | None
     start_s: float
-    """Wall time from the start of the command to control tick 0, s."""
+    """Wall time from the start of the system to control tick 0, s; 0 if the run was interrupted."""
     timings: Mapping[str, Timing]
-    """Computing time per control tick, by service."""
+    """Computing time per control tick (median and 99th percentile, us), by service."""
     interrupted: bool = False
-    """True if the run was ended from outside, by SIGINT or SIGTERM."""
+    """True: the run was interrupted by SIGINT or SIGTERM; False: it ended by itself."""
 
 
 class Beside(AbstractContextManager[Any], Protocol):
-    """Activity beside a run, as a context: entered when the world is built, left before any service is ended."""
+    """Context manager of an activity in parallel with a run: entered with the world built, left before services end."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks for the report of the run."""
+        """Remarks of the activity for the report of the run."""
         ...
 
 
@@ -111,17 +111,17 @@ def run_scenario(
     show: Callable[[RunProgress], None] = lambda progress: None,
     meddle: Callable[[Session], Beside] | None = None,
 ) -> RunOutcome:
-    """Start the system of a scenario, conduct it, check its limits, write the report and stop everything.
+    """Start the system of a scenario, run the scenario, check its limits, write the report, stop the system.
 
     Args:
-        scenario: what to do.
-        options: of the run.
-        notify: gets messages of the system.
-        show: gets the progress.
-        meddle: function that makes an activity beside the run, e.g. faults.
+        scenario: scenario to run.
+        options: options of the run.
+        notify: called with each notice of the system.
+        show: called with the progress of the run.
+        meddle: returns an activity in parallel with the run, e.g. faults; None = no activity.
 
     Raises:
-        BusError: the system could not be brought up. A run that stalls or is interrupted is reported, too.
+        BusError: the system could not be started. A run that stalls or is interrupted is reported as well.
     """
     return conduct(scenario, system_of(scenario), options, notify, show, meddle)
 
@@ -134,15 +134,15 @@ def conduct(
     show: Callable[[RunProgress], None] = lambda progress: None,
     meddle: Callable[[Session], Beside] | None = None,
 ) -> RunOutcome:
-    """Start a system, conduct the scenario, check its limits, write the report, stop everything.
+    """Start a system, run a scenario on it, check its limits, write the report, stop the system.
 
     Args:
-        scenario, compose, options: the scenario, its system, options of the run.
-        notify, show: get messages of the system and the progress.
-        meddle: function that makes an activity beside the run, e.g. faults.
+        scenario, compose, options: scenario, system to start, options of the run.
+        notify, show: called with each notice of the system, and with the progress of the run.
+        meddle: returns an activity in parallel with the run, e.g. faults; None = no activity.
 
     Raises:
-        BusError: the system could not be brought up. A run that stalls or is interrupted is reported, too.
+        BusError: the system could not be started. A run that stalls or is interrupted is reported as well.
     """
     began = time.monotonic()
     seed = scenario.seed if options.seed is None else options.seed
@@ -186,7 +186,7 @@ def conduct(
 
 
 def _explained(verdict: RunVerdict, recording: Path | None) -> RunVerdict:
-    """Put the first cause of what went wrong before the notes of a run that failed."""
+    """Return the verdict; of a failed run with the sentence on its first cause before the notes."""
     if verdict.ok or recording is None:
         return verdict
     try:
@@ -200,9 +200,9 @@ class _End(NamedTuple):
     """State of the services of a run after its last control tick.
 
     Attributes:
-        recorded: reply of the recorder, None without one.
-        timings: time in a tick by service.
-        notes: restarts, silent inputs, paced time that fell behind.
+        recorded: reply of the recorder; None = no recorder, or no reply.
+        timings: computing time per control tick, by service.
+        notes: sentences on restarts, silent inputs, and a paced run that fell behind real time.
         comparable: True if no service was restarted and the simulator calls the run comparable, else False.
         configuration: hash of the effective configuration of each service.
     """
@@ -214,7 +214,7 @@ class _End(NamedTuple):
     configuration: dict[str, str]
 
     def facts(self, wall_s: float, start_s: float) -> dict[str, str]:
-        """Return the facts of the report that are known after the run."""
+        """Return the facts for the report that are known after the run: times, versions, configuration hashes."""
         hashes = ", ".join(f"{name} {found[:HASH_SHOWN]}" for name, found in self.configuration.items() if found)
         return {
             "Wall time": f"{wall_s:.1f} s from the first to the last tick, {start_s:.1f} s until the first",
@@ -225,7 +225,7 @@ class _End(NamedTuple):
 
     @classmethod
     def of(cls, session: Session, patience_s: float) -> "_End":
-        """Ask the services of a system that still runs, the recorder until it has finished or this long."""
+        """Request the state of the services after the run; wait at most `patience_s` s for the recorder to finish."""
         recorded = recorder_of(session, patience_s) if "recorder" in session.alive else None
         health, status = session.health(), session.supervisor.status
         timings = {n: Timing(h.tick_p50_us, h.tick_p99_us) for n, h in health.items() if h.tick_p50_us > 0}
@@ -237,7 +237,7 @@ class _End(NamedTuple):
 
 
 def _reset(scenario: Scenario, options: Options, seed: int) -> ResetRequest:
-    """Return the request that begins the run; the services to wait for are not known yet."""
+    """Return the reset request that begins the run, without the services to wait for."""
     return ResetRequest(
         seed=seed,
         world=scenario.world,
@@ -250,7 +250,7 @@ def _reset(scenario: Scenario, options: Options, seed: int) -> ResetRequest:
 
 
 def _about(scenario: Scenario, compose: Compose, options: Options, seed: int) -> About:
-    """Return the facts of the report that are known before the run."""
+    """Return the facts for the report that are known before the run: command, robot, world, version."""
     flags = " --strict" if options.strict else ""
     flags += f" --rtf {options.rtf:g}" if options.rtf is not None else ""
     facts = {
@@ -263,7 +263,7 @@ def _about(scenario: Scenario, compose: Compose, options: Options, seed: int) ->
 
 
 def recorder_of(session: Session, patience_s: float) -> RecorderReply | None:
-    """Return the recorder's status once the last tick is on disk or after `patience_s` s; None: no reply."""
+    """Return the recorder's status once the last tick is on disk, or after `patience_s` s; None = no reply."""
     deadline = time.monotonic() + patience_s
     while True:
         try:
@@ -278,7 +278,7 @@ def recorder_of(session: Session, patience_s: float) -> RecorderReply | None:
 def _reported(
     path: Path, about: About, traces: Traces, verdict: RunVerdict, recording: Path | None
 ) -> tuple[Path | None, RunVerdict]:
-    """Write the report; return its path, None where it cannot be written, which then is a note of the verdict."""
+    """Write the report; return its path (None = it could not be written), and the verdict, with a note in that case."""
     verdict = _explained(verdict, recording)
     about, film = _filmed(recording, about)
     if recording is not None:  # the supervisor, whose messages the traces are, receives no images
@@ -291,7 +291,7 @@ def _reported(
 
 
 def _filmed(recording: Path | None, about: About) -> tuple[About, Film | None]:
-    """Return the facts of the report and the film of its recording, if there is one that can be read."""
+    """Return the facts of the report, and the replay of the recording; None = no recording, or not readable."""
     if recording is None:
         return replace(about, no_film="the run was not recorded"), None
     try:

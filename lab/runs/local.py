@@ -31,7 +31,7 @@ from .attached import attached
 
 @dataclass(frozen=True)
 class LocalRun:
-    """Result of a run in one process: seed, verdict on the limits, run hash, control ticks, wall time (s)."""
+    """Result of a run in one process: seed, verdict on the limits, run hash, number of control ticks, wall time (s)."""
 
     seed: int
     verdict: RunVerdict
@@ -53,13 +53,15 @@ def build_services(
     more: Mapping[str, str] | None = None,
     about: str = "",
 ) -> list[Service[Any]]:
-    """Return the services of a compose file as objects; the supervisor conducts ``director``.
+    """Return services of a compose file as objects; the supervisor runs the scenario of `director`.
 
     Args:
-        names: of the services, in their order.
-        recording: MCAP file; None = only the hash.
-        more: variables that configure services.
-        about: facts on the run for the recording.
+        names: names of the services to build, in this order.
+        compose: system with the configuration of the services.
+        director: executes the steps of the scenario.
+        recording: MCAP file to write; None = only the run hash is computed.
+        more: further environment variables that configure services.
+        about: facts on the run that are written to the recording.
     """
     built: list[Service[Any]] = []
     robot = compose.robot
@@ -88,15 +90,15 @@ def run_local(
     without: Iterable[str] = (),
     meddle: Callable[[LocalSystem], None] = lambda system: None,
 ) -> LocalRun:
-    """Run a scenario in this process, and return verdict, hash and times.
+    """Run a scenario in this process; return verdict, run hash and times.
 
     Args:
-        scenario: what to do.
-        seed: None = the scenario's own.
-        strict: no actuation delay.
-        recording: MCAP file, None = only the hash.
-        without: services to leave out.
-        meddle: gets the system before the run begins, e.g. to wrap methods of its services.
+        scenario: scenario to run.
+        seed: seed of the run; None = the scenario's own.
+        strict: True: no actuation delay; False: the delay that the scenario sets.
+        recording: MCAP file to write; None = only the run hash is computed.
+        without: names of services to leave out.
+        meddle: called with the system before the run begins, e.g. to wrap methods of its services.
 
     Raises:
         ComposeError: the system cannot be started.

@@ -1,4 +1,4 @@
-"""`surefoot security init|renew|show`."""
+"""Commands `surefoot security init|renew|show`: certificates and access rules of a system."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

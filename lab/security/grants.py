@@ -20,12 +20,12 @@ from surefoot.schemas.base import Bulk, BulkRequest
 from surefoot.schemas.topics import Query, Topic
 
 ROUTER = "supervisor"
-"""Identity of the router; it forwards what clients send, so peers accept messages of every key from it."""
+"""Identity of the router, which forwards messages of all clients, so that peers accept every key from it."""
 TOKENS = f"{LIVE}/*/*", f"{STARTS}/*/*"
 
 
 class Verb(Enum):
-    """Kind of use of a key that a grant allows."""
+    """Kind of use of a bus key that a grant allows."""
 
     PUBLISH = "publish"
     READ = "read"
@@ -36,14 +36,14 @@ class Verb(Enum):
 
 
 class Role(Enum):
-    """Role of a person, which sets the allowed uses of the bus."""
+    """Role of a person, which sets the keys of the bus that the person may read, request and publish."""
 
     OPERATOR = "operator"  # reads every topic, sends every query, stops the robot
     GUEST = "guest"  # reads every topic, sends the queries that change nothing
 
 
 class Grant(NamedTuple):
-    """Permission of the holder of one certificate to do one thing with a key."""
+    """Permission of the holder of a certificate (`identity`) for one kind of use of a bus key."""
 
     identity: str
     verb: Verb
@@ -51,7 +51,7 @@ class Grant(NamedTuple):
 
 
 def grants(services: Iterable[type[Service[Any]]], people: dict[str, Role]) -> tuple[Grant, ...]:
-    """Return the grants of services and people, `people`: role by name; the router, which may do all, has no rows."""
+    """Return the grants of services and people (role by name), without those of the router, which may do all."""
     found = [Grant(service.name, *one) for service in services if service.name != ROUTER for one in _of(service)]
     found += [Grant(name, *one) for name, role in people.items() for one in _of_role(role)]
     return tuple(dict.fromkeys(found))
@@ -99,13 +99,13 @@ def _of_role(role: Role) -> Iterator[tuple[Verb, str]]:
 
 
 def areas(granted: Iterable[Grant]) -> tuple[str, ...]:
-    """Return key expressions that cover all granted keys: `**`, and one for each first word with ``@``."""
+    """Return key expressions that cover all granted keys: `**`, and `word/**` for each first word with a leading @."""
     words = {grant.key.partition("/")[0] for grant in granted}
     return ("**", *sorted(f"{word}/**" for word in words if word.startswith("@")))
 
 
 def limits() -> dict[int, tuple[str, ...]]:
-    """Return the keys that share each limit on the size of a payload: keys by limit in bytes."""
+    """Return the key expressions to which each limit on the payload size applies, by limit in bytes."""
     found: dict[int, list[str]] = {MAX_FRAME_BYTES: [FRAME.format("*"), BATCH.format("*")]}
     rows: list[Topic[Any] | Query[Any, Any]] = [*topics.TOPICS, *topics.QUERIES]
     bulky = {row.key for row in rows if any(issubclass(model, (Bulk, BulkRequest)) for model in _models(row))}

@@ -1,4 +1,4 @@
-"""The folder of a robot's certificates and settings: made, renewed, and shown."""
+"""Creation and renewal of the certificates and Zenoh settings in the security folder of a system."""
 
 import json
 import re
@@ -19,16 +19,16 @@ from .settings import settings_of
 
 AUTHORITY_DAYS = 3650
 NAME = re.compile(r"[A-Za-z0-9:][A-Za-z0-9._:-]{0,62}")
-"""Pattern that names of people and hosts must match, as they become file names and stand in certificates."""
+"""Pattern that names of people and hosts must match in full, as they become file names and parts of certificates."""
 
 
 class Membership(NamedTuple):
-    """People who get a certificate of a system, beside its services, with hosts and validity of all certificates.
+    """People who get a certificate in addition to the services of a system; hosts and validity of all certificates.
 
     Attributes:
         operators: names of people who may command.
         guests: names of people who may only read.
-        hosts: names and addresses of the processes, besides loopback.
+        hosts: names and addresses of the machines of the system, in addition to loopback.
         days: validity of the certificates, days.
     """
 
@@ -39,13 +39,13 @@ class Membership(NamedTuple):
 
 
 def make(services: Sequence[type[Service[Any]]], namespace: str, wanted: Membership) -> Path:
-    """Write authority, certificates and Zenoh settings of services and people into a folder; return the folder.
+    """Write certificates and Zenoh settings of services and people to the security folder of a namespace; return it.
 
-    An existing authority is kept.
+    A certificate authority is created unless the folder has one.
 
     Raises:
-        SurefootError: `cryptography` is not installed, or the name of a person is malformed, that of a service, or
-            both operator and guest.
+        SurefootError: `cryptography` is not installed, a name is malformed, a person has the name of a service, or a
+            person is both operator and guest.
     """
     for field, given in wanted._asdict().items():
         for name in given if isinstance(given, tuple) else ():
@@ -74,7 +74,7 @@ def make(services: Sequence[type[Service[Any]]], namespace: str, wanted: Members
 
 
 def classes(compose: Compose) -> list[type[Service[Any]]]:
-    """Return the classes of a system's services (raises SurefootError: one is not installed)."""
+    """Return the classes of a system's services (raises SurefootError: a service is not installed)."""
     found: list[type[Service[Any]]] = []
     for name in compose.services:
         try:
@@ -86,7 +86,7 @@ def classes(compose: Compose) -> list[type[Service[Any]]]:
 
 
 def renew(folder: Path, identities: Iterable[str], days: int) -> list[Held]:
-    """Issue certificates anew, under the same authority and for the same hosts; each takes effect at a restart."""
+    """Issue new certificates for `identities` (all if empty) by the folder's authority, for `days` days; return all."""
     known = {one.identity for one in held(folder)}
     for identity in tuple(identities) or tuple(sorted(known - {AUTHORITY})):
         if identity not in known or identity == AUTHORITY:

@@ -1,7 +1,7 @@
-"""Zenoh settings of an identity: its certificate, mutual TLS, and access rules made of the grants, equal for all.
+"""Zenoh settings of an identity: certificate, mutual TLS, and access rules from the grants, equal for all identities.
 
-A rule is about the process at the other end of a link, known by the common name of its certificate: what it may send
-to us (ingress), and what we send to it (egress). All that no rule allows is dropped.
+A rule applies to the process at the other end of a link, identified by the common name of its certificate: messages
+accepted from it (ingress) and messages sent to it (egress). Messages that no rule allows are dropped.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,12 +27,12 @@ _EGRESS = {
     Verb.WATCH: ("liveliness_token",),
 }
 _DECLARED = ("declare_subscriber", "declare_queryable", "liveliness_query", "declare_liveliness_subscriber")
-"""Zenoh declarations that every identity may see: a publisher that cannot see its readers would not publish."""
+"""Zenoh declarations that are sent to every identity, since a publisher that receives none does not publish."""
 _ALL = ("put", "delete", "query", "reply", "liveliness_token", *_DECLARED)
 
 
 def settings_of(folder: Path, identity: str, namespace: str, granted: Sequence[Grant]) -> dict[str, Any]:
-    """Return the Zenoh settings of one identity, whose key and certificate are in a folder, as a JSON object."""
+    """Return the Zenoh settings of an identity, with its private key and certificate in `folder`, as a JSON object."""
     key, certificate = str(folder / f"{identity}.key"), str(folder / f"{identity}.pem")
     return {
         "transport": {
@@ -65,7 +65,7 @@ def settings_of(folder: Path, identity: str, namespace: str, granted: Sequence[G
 
 
 def access_control(namespace: str, granted: Sequence[Grant]) -> dict[str, Any]:
-    """Return the Zenoh access rules by which each process of a system lets other identities send and receive."""
+    """Return the Zenoh access rules of a system: messages that a process accepts from and sends to each identity."""
     everything = _under(namespace, areas(granted))
     rules = [
         _rule("everything", _ALL, ("ingress", "egress"), everything),

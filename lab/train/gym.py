@@ -112,8 +112,8 @@ class NavigatorVectorEnv(gym.vector.VectorEnv[Array, NDArray[np.int64], NDArray[
         """Execute one action in each of the n episodes, or begin a new one if it has ended; `actions`: indices (n,).
 
         Returns:
-            Observations (n, 6), as `reset` returns them; rewards (n,), s; True where the goal was reached (n,), and where
-            the time limit was (n,); infos.
+            Observations (n, 6), as `reset` returns them; rewards (n,), s; True where the goal was reached (n,), and
+            where the time limit was (n,); infos.
         """
         b = self._batch
         b.step(np.asarray(actions, dtype=np.int64), self._ended)

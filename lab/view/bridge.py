@@ -18,7 +18,7 @@ from .newest import FRAME_S, NewestScene
 from .server import HOST
 
 PORT = 8765
-"""Default TCP port of Foxglove and Lichtblick for a live connection."""
+"""TCP port to which Foxglove and Lichtblick connect by default."""
 LINES = 100
 """Largest number of log lines that wait for the next frame; the oldest are dropped."""
 
@@ -90,15 +90,15 @@ class FoxgloveBridge:
 
 
 class _Newcomers:
-    """Listener that records new subscribers, which lack the lasting items published before they came."""
+    """Server listener that sets an event when a client subscribes, so that footprints and landmarks are sent again."""
 
     def __init__(self, again: threading.Event) -> None:
         self._note = again
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Record that a client subscribed to a channel, so that lasting items are published again."""
+        """Set the event: a client subscribed to a channel, and needs the items that are published only once."""
         self._note.set()
 
     def __getattr__(self, name: str) -> Any:
-        """Return a function that ignores an event; the server calls one for each kind."""
+        """Return a callback that does nothing, for all kinds of server events but subscriptions."""
         return lambda *_: None

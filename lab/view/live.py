@@ -1,4 +1,4 @@
-"""Frames of a running system, made of the newest messages 30 times a second while a page is open."""
+"""Frames of the live view of a running system, made from the newest messages at 30 Hz while a page is open."""
 
 import json
 import math
@@ -26,18 +26,18 @@ from .newest import ASK_S, FRAME_S, NewestScene
 from .sight import LiveSight
 
 STATUS_S, STALE_S, IDLE_S = 0.5, 3.0, 5.0
-"""Wall times, s: `STATUS_S`: between two reports on health; `STALE_S`: without a report after which a service counts as
-silent; `IDLE_S`: without a page after which a view drops its images."""
+"""`STATUS_S`: wall time between two health reports on the page, s; `STALE_S`: time without a health message after which
+a service counts as silent, s; `IDLE_S`: time without an open page after which the view drops its images, s."""
 LOG_LINES = 12
 PUSH_SHARE = 0.3
-"""Default force of a push on the page, as a share of the robot's weight."""
+"""Default force of the push buttons, as a share of the robot's weight."""
 QUERIES = {
     "pause": "sim/pause", "resume": "sim/step", "step": "sim/step", "speed": "sim/speed", "push": "sim/push",
     "fault": "sim/fault", "reset": "sim/reset",
 }  # fmt: skip
-"""Query key behind each button of the page; the button `stop` is not among them, it is the emergency stop."""
+"""Key of the query that each button of the page sends; `stop`, the emergency stop, is sent in another way."""
 Stop = Callable[[str], tuple[bool, str]]
-"""Emergency stop: takes the reason; returns True if a driver confirmed it, else False, and a sentence on the result."""
+"""Function that sends an emergency stop with a reason; returns (True if a driver confirmed it, explanation)."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,13 @@ class Shown:
     """State of the live view at one time, as JSON texts that all open pages share.
 
     Attributes:
-        number: number of the state, which counts up.
-        epoch, marks: number of the run, and number of its lasting items so far.
-        world: counts changes of the ground and of the services that live; a page then requests the head again.
-        frame: the frame, JSON; "null" before the first joint angles.
-        report: number of the report on health, with its JSON.
-        sight: number of the last image that vision read, with its JSON.
+        number: index of the state, which counts up.
+        epoch: number of runs seen so far.
+        marks: number of footprints and landmarks of the present run, which stay in all later frames.
+        world: counter of changes of the ground and of the running services; a page then requests `head` again.
+        frame: JSON of the frame; "null" before the first joint angles.
+        report: index of the health report, and its JSON.
+        sight: index of the last image that vision read, and its JSON.
         at_ms: wall time of the state, ms since 1970.
     """
 
@@ -65,7 +66,7 @@ class Shown:
 
 
 class LiveFrames:
-    """Maker of frames from the newest messages, on a thread of its own that rests while no page is open.
+    """Producer of live-view frames from the newest messages, in a thread that is idle while no page is open.
 
     Args:
         stop: function that sends the emergency stop.
@@ -89,7 +90,7 @@ class LiveFrames:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread that makes frames; readers get no more of them."""
+        """End the thread that makes frames; readers get no further frames."""
         self._closed.set()
         with self._news:
             self._news.notify_all()
@@ -97,11 +98,11 @@ class LiveFrames:
 
     @property
     def closed(self) -> bool:
-        """True if no more frames will be made."""
+        """True: the view was closed and makes no further frames; False: it is open."""
         return self._closed.is_set()
 
     def head(self) -> dict[str, Any]:
-        """Return the constant parts of all frames as a JSON object: robot, ground, and actions the driver offers."""
+        """Return the constant parts of all frames as a JSON object: robot, ground, actions that the driver offers."""
         self._newest.ask_for_maps()
         offered = self._offered()
         with self._newest.lock:
@@ -109,11 +110,11 @@ class LiveFrames:
             return {"head": header(self._newest.scene), "world": self._world(), **offered}
 
     def _world(self) -> int:
-        """Return a number that changes with the ground and with the services that live."""
+        """Return a counter that changes when the ground or the set of running services changes."""
         return self._newest.grounds + self._lives
 
     def _offered(self) -> dict[str, Any]:
-        """Return the actions that the driver offers, and its faults with their possible targets."""
+        """Return as a JSON object: actions and faults that the driver offers, fault targets, default push force, N."""
         robot = self._newest.scene.robot
         content: dict[str, Any] = {
             "actions": [], "faults": [], "sized": SIZED_FAULTS, "push_n": round(PUSH_SHARE * robot.mass * GRAVITY, 1),
@@ -126,7 +127,7 @@ class LiveFrames:
         return content
 
     def reader(self) -> "Reader":
-        """Return a reader of frames for one more open page."""
+        """Return a reader of frames for a newly opened page."""
         return Reader(self)
 
     def unseen(self) -> Shown:
@@ -134,7 +135,7 @@ class LiveFrames:
         return Shown(self._shown.number)
 
     def wait_newer(self, number: int, timeout_s: float) -> Shown:
-        """Return the state as soon as it is newer than `number`, or as it is after `timeout_s` s."""
+        """Wait for a state newer than index `number`, at most `timeout_s` s of wall time; return the present state."""
         with self._news:
             self._readers += 1
             try:
@@ -144,7 +145,7 @@ class LiveFrames:
                 self._readers -= 1
 
     def marks(self, begin: int, end: int) -> list[str]:
-        """Return the lasting items `begin` to `end` - 1 of this run, a JSON text each."""
+        """Return footprints and landmarks of this run with indices `begin` to `end` - 1, a JSON text each."""
         return self._marks[begin:end]
 
     def _take_health(self, delivery: Delivery) -> None:
@@ -198,7 +199,7 @@ class LiveFrames:
         )  # fmt: skip
 
     def _report(self, now: float) -> dict[str, Any]:
-        """Return the status of services, the simulated time and new log lines as a JSON object for the page."""
+        """Return health of services, simulated time and latest log lines as a JSON object; `now`: monotonic time, s."""
         services: list[dict[str, Any]] = []
         for name, (came, delivery) in sorted(self._health.items()):
             with suppress(SurefootError):
@@ -214,11 +215,11 @@ class LiveFrames:
         return {"services": services, "time": self._status, "log": list(self._log)}
 
     def act(self, action: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Carry out the action of a button of the page; return `accepted` and `reason` by name.
+        """Execute the action of a button of the page; return `accepted` (True or False) and `reason` by name.
 
         Args:
             action: `stop`, or a key of `QUERIES`.
-            fields: of the request. Of `push` the force is along the robot's heading, to its left and up, N.
+            fields: fields of the request. The force of `push` is (forward along the heading, left, up), N.
 
         Raises:
             SurefootError: there is no such action or field, or the service refuses it.
@@ -235,7 +236,7 @@ class LiveFrames:
         return {"accepted": getattr(reply, "accepted", True), "reason": getattr(reply, "reason", "")}
 
     def _turned(self, force: Any) -> Any:
-        """Return a force (forward, left, up), N, in world axes; other values unchanged, for the service to refuse."""
+        """Return a force (forward, left, up), N, in world axes; any other value unchanged (the service refuses it)."""
         match force:
             case [int() | float() as ahead, int() | float() as left, int() | float() as up]:
                 cos, sin = math.cos(self._heading), math.sin(self._heading)
@@ -245,13 +246,13 @@ class LiveFrames:
 
 
 class Reader:
-    """Reader of frames for one open page, which tracks what the page has: `next` returns what is new."""
+    """Reader of frames for one open page: `next` returns what the page has not received yet."""
 
     def __init__(self, live: LiveFrames) -> None:
         self._live, self._seen = live, live.unseen()
 
     def next(self, timeout_s: float) -> str | None:
-        """Return the next message for the page, JSON; None when nothing is new within `timeout_s` s."""
+        """Return the next message for the page as JSON; None if nothing is new within `timeout_s` s of wall time."""
         shown, seen = self._live.wait_newer(self._seen.number, timeout_s), self._seen
         if shown.number == seen.number:
             return None

@@ -1,4 +1,4 @@
-"""The scene of a running system from the newest message of each topic."""
+"""Scene of a running system, built from the newest message of each topic."""
 
 import threading
 from collections.abc import Callable
@@ -14,19 +14,20 @@ from surefoot.schemas.topics import TOPICS
 from ..scene.scene import KEYS, RobotScene, Snapshot
 
 FRAME_S = 1.0 / 30.0
-"""Wall time between two frames of the view, which show the newest messages, s."""
+"""Wall time between two frames of the live view, s."""
 CLOCK = "hw/joints"
-"""Key of a topic that every driver publishes; its stamps show that another driver was started."""
+"""Key of a topic that every driver publishes; a new epoch or a step back of its stamps shows a new run."""
 ASK_S = 2.0
-"""Longest wall time to wait for a driver's replies with maps, features and description, s."""
+"""Longest wall time to wait for a driver's reply on maps, features or robot description, s."""
 
 
 def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) -> Robot:
-    """Return the robot of a running system: that of `name`, else as its driver reports, else by the prefix of its keys.
+    """Return the robot of a running system: by `name`, else as its driver reports, else by the prefix of its keys.
 
     Args:
-        name: name or folder; None = as the driver reports.
-        warn: gets a sentence when the driver was built from another description.
+        client: client connected to the system.
+        name: name or folder of the robot; None = as the driver reports.
+        warn: called with a sentence if the driver uses another description.
 
     Raises:
         SurefootError: the robot is not known here.
@@ -46,19 +47,19 @@ def robot_behind(client: Client, name: str | None, warn: Callable[[str], None]) 
 
 
 class NewestScene:
-    """Scene of a running system that reads the newest message of each topic when `look` is called.
+    """Scene of a running system, updated with the newest message of each topic when `look` is called.
 
     Attributes:
         scene: scene of the robot; hold `lock` to read it.
-        grounds: number of grounds that the scene has had.
-        runs: number of runs: epochs of a driver, and new starts of a driver.
+        grounds: number of ground maps that the scene has had.
+        runs: number of runs seen: resets and starts of a driver.
     """
 
     def __init__(
         self, client: Client, robot: Robot, also: Callable[[Delivery], object] = lambda _: None,
         begins: Callable[[], object] = bool,
     ) -> None:  # fmt: skip
-        """Subscribe; `also` gets each message that a look takes, `begins` is called before those of each later run."""
+        """Subscribe to topics; `look` calls `also` with each message that it reads, and `begins` before a new run."""
         self.client, self.scene, self.lock = client, RobotScene(robot), threading.Lock()
         self._also, self._begins = also, begins
         self.grounds, self._ground = 0, self.scene.ground
@@ -66,7 +67,7 @@ class NewestScene:
         self._newest = [client.bus.newest(topic) for topic in TOPICS if topic.key in KEYS]
 
     def ask_for_maps(self) -> None:
-        """Request the driver's latched maps, as they may have been published before this view subscribed."""
+        """Request the driver's height map and landmarks, which may have been published before this view subscribed."""
         keys = ["terrain/map"] if self.scene.ground is None else []
         keys += ["terrain/landmarks"] if self.scene.robot.camera and not self.scene.marks else []
         for key in keys:
@@ -76,7 +77,7 @@ class NewestScene:
                     self.scene.feed(key, lambda reply=reply: reply)
 
     def look(self) -> tuple[bool, Snapshot | None]:
-        """Update the scene; return True if messages came since the last call, and a snapshot. Needs `lock` held."""
+        """Update the scene; return (True if there were new messages, snapshot). The caller holds `lock`."""
         came = False
         for newest in self._newest:
             delivery = newest()

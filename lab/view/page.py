@@ -1,4 +1,4 @@
-"""The page of a running system: picture, buttons, plots, services."""
+"""HTML page of the live view of a running system: picture, buttons, plots, services, log."""
 
 from ..scene.pages import LAYOUT, page, stage
 

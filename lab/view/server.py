@@ -1,7 +1,7 @@
-"""HTTP server of the view, on this machine only.
+"""HTTP server of the view, which listens on 127.0.0.1 only.
 
-A page of another site can reach a port of this machine, too. So every request must name this machine in `Host` (else a
-foreign name resolves to it: DNS rebinding) and carry the token that only who started the view has seen.
+A page of another site can reach a local port as well. Every request must therefore name this machine in `Host`, which
+prevents DNS rebinding, and carry the token that was shown to the user who started the view.
 """
 
 import json
@@ -26,11 +26,11 @@ from .live import LiveFrames
 HOST = "127.0.0.1"
 PORT = 7480
 READERS = 8
-"""Largest number of pages that may be connected at the same time."""
+"""Largest number of pages that receive frames at the same time; further ones are refused."""
 SEND_S = 5.0
-"""Wall time after which the connection of a page that does not read is closed, s."""
+"""Wall time without reading after which the connection of a page is closed, s."""
 END_S = 0.1
-"""Longest wall time until the server notices that it is to end, s."""
+"""Longest wall time from `close` until the server's loop ends, s."""
 IDLE_S = 1.0
 """Wall time without new data after which a page gets a keep-alive message, s."""
 BODY_BYTES = 4096
@@ -41,8 +41,8 @@ class ViewServer:
     """HTTP server of the live view's page, until it is closed.
 
     Attributes:
-        port: port on 127.0.0.1.
-        token: what every request must carry.
+        port: TCP port on 127.0.0.1.
+        token: random text that every request must carry.
     """
 
     def __init__(
@@ -52,16 +52,16 @@ class ViewServer:
         port: int | None = None,
         warn: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """Begin to serve.
+        """Start the HTTP server in a thread.
 
         Args:
-            page_text: the page, HTML.
-            live: frames of a running system, None = the page is all.
-            port: where to listen, 0 = any; None = `PORT`, or any when that is taken.
-            warn: gets a sentence on a page that was given up.
+            page_text: HTML of the page.
+            live: frames of a running system; None = only the page is served.
+            port: TCP port, 0 = any; None = `PORT`, or any if that is taken.
+            warn: called with a sentence if the connection of a page was closed because it does not read.
 
         Raises:
-            BusError: the port is taken.
+            BusError: `port` is taken.
         """
         self.page, self.live, self.warn, self.token = page_text.encode(), live, warn, secrets.token_urlsafe(16)
         self.readers = BoundedSemaphore(READERS)
@@ -71,7 +71,7 @@ class ViewServer:
         self._thread.start()
 
     def _listen(self, port: int, *others: int) -> "_Http":
-        """Listen on a port, or on the next one where it is taken (raises BusError: the last one is taken, too)."""
+        """Listen on a TCP port, or, if it is taken, on the first free one of `others` (raises BusError: none free)."""
         try:
             return _Http((HOST, port), self)
         except OSError as error:
@@ -82,11 +82,11 @@ class ViewServer:
 
     @property
     def url(self) -> str:
-        """Address of the page, with the token."""
+        """URL of the page, with the token."""
         return f"http://{HOST}:{self.port}/?token={self.token}"
 
     def close(self) -> None:
-        """Stop serving the page; open connections end."""
+        """Stop the server and the frames; open connections end."""
         if self.live is not None:
             self.live.close()
         self._http.shutdown()
@@ -102,7 +102,7 @@ class _Http(ThreadingHTTPServer):
         super().__init__(address, _Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore errors of connections that a page has closed."""
+        """Ignore the errors of connections that a page has closed."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -111,7 +111,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = SEND_S
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Write no log: the address of a page holds the token."""
+        """Log nothing, since the URL of a request contains the token."""
 
     def do_GET(self) -> None:
         """Answer a GET request: the HTML page, the constant parts of all frames, or the stream of frames."""
@@ -130,7 +130,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.NOT_FOUND, f"there are /, /head, /events, /{LAYOUT} and, by POST, /do")
 
     def do_POST(self) -> None:
-        """Answer a POST request: carry out the action of a button on the page."""
+        """Answer a POST request: execute the action of a button on the page."""
         view = self.server.view
         if not self._allowed():
             return
@@ -182,7 +182,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def _stream(self, live: LiveFrames) -> None:
-        """Send frames as they come; while a page does not read, frames are left out, marks and reports are not."""
+        """Send frames as server-sent events; a page that reads slowly misses frames, but no footprints or landmarks."""
         if not self.server.view.readers.acquire(blocking=False):
             self._refuse(HTTPStatus.SERVICE_UNAVAILABLE, f"{READERS} pages look already")
             return

@@ -1,4 +1,4 @@
-"""Newest camera image that vision has read, with features, matches and search regions, for the live page."""
+"""Newest camera image that vision has processed, with features, matches and search regions, for the live page."""
 
 import base64
 import json
@@ -26,7 +26,7 @@ class LiveSight:
     """Collector of the newest image with its landmarks; subscribes to images once vision has published landmarks.
 
     Attributes:
-        shown: number of the newest image, which counts up, and its JSON; "null" = there is none in this run.
+        shown: index of the newest image, which counts up, and its JSON; "null" = there is none in this run.
     """
 
     def __init__(self, client: Client) -> None:
@@ -35,7 +35,7 @@ class LiveSight:
         self.shown = (0, "null")
 
     def images(self) -> None:
-        """Take the newest image; called before `take`, as messages of landmarks refer to their image."""
+        """Read the newest camera image; to be called before `take`, as landmark messages refer to their image."""
         images = self._images  # a page that comes or goes may take them away meanwhile
         delivery: Delivery | None = images() if images else None
         if delivery is not None and not delivery.prime:
@@ -43,7 +43,7 @@ class LiveSight:
                 self._keeper.image(delivery.message())
 
     def take(self, delivery: Delivery) -> None:
-        """Use a message if it is one of landmarks, odometry or pose."""
+        """Process a message of landmarks, odometry or pose; ignore all others."""
         if delivery.key == STATE_LANDMARKS.key and not self._images:
             self._images = self._client.bus.newest(HW_IMAGE)
         take = {
@@ -55,13 +55,13 @@ class LiveSight:
                 take(delivery.message())
 
     def forget(self) -> None:
-        """Drop the newest image and the subscription of images, until vision publishes landmarks again."""
+        """Drop the newest image and the image subscription, until vision publishes landmarks again."""
         if self._images:
             self._images, self._keeper, self._last = None, SightKeeper(), 0
             self.shown = (self.shown[0] + 1, "null")
 
     def look(self) -> tuple[int, str]:
-        """Return the number of the newest image with landmarks, which counts up, and its JSON; "null": none."""
+        """Return the index of the newest image with landmarks, which counts up, and its JSON ("null" = none)."""
         keeper = self._keeper
         sight = keeper.by_action.get("")
         if sight is not None and sight.image.stamp_ns != self._last:
@@ -74,7 +74,7 @@ class LiveSight:
 
 
 def drawn(sight: SeenImage) -> dict[str, Any]:
-    """Return an image with features, matches and search regions as a JSON object, places in pixels of the picture.
+    """Return an image with features, matches and search regions as a JSON object; positions in pixels of the JPEG.
 
     Raises:
         SurefootError: the message holds no image.
