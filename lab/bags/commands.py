@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 OFF_SHARE = 0.6
-"""Default ratio of two foot forces: the one below which a foot counts as lifted, to the one from which it stands."""
+"""Default force below which a foot counts as lifted, as a share of the force from which on it counts as standing."""
 
 
 def _formats(incomplete: str) -> list[str]:

@@ -11,7 +11,7 @@ Kind = Literal["drop", "duplicate", "reorder", "delay", "corrupt", "forge", "fre
 MESSAGES: tuple[Kind, ...] = ("drop", "duplicate", "reorder", "delay", "corrupt", "forge")
 """Kinds of faults that affect only messages; a lockstep run with them equals the run without faults bit by bit."""
 FREEZE_S = (0.3, 1.0, 5.0)
-"""Possible durations of a service freeze, s; for a driver only those below `DRIVER_FREEZE_S`."""
+"""Possible durations of a service freeze, s; for a live driver only those below `DRIVER_FREEZE_S`."""
 DRIVER_FREEZE_S = 3.0
 SLOW_S = (1.0, 3.0)
 """Possible durations, s of wall time, for which a service is slowed down."""
@@ -140,6 +140,6 @@ def _live_fault(random: Random, kind: Kind, services: Sequence[str]) -> tuple[st
 
 
 MEMORY = Stage(get_args(Kind)[:8], 1, _fault_in_memory)
-"""Faults on the in-memory bus in virtual time, from tick 1: of messages, and services killed and frozen."""
+"""Stage of faults on the in-memory bus, in virtual time, from control tick 1: of messages, and `freeze`, `kill`."""
 LIVE = Stage(("kill", "terminate", "freeze", "slow", "forge"), 120, _live_fault)
-"""Faults of live processes, from tick 120, when the robot walks: kill, terminate, freeze, slow, forged commands."""
+"""Stage of faults of live processes, in wall time, from control tick 120 on, when the robot stands and walks."""

@@ -33,7 +33,7 @@ from .events import FORGED_RAD, FORGER, LIVE, ChaosEvent, ChaosOutcome, ChaosRun
 from .run import falls_when_held
 
 SLOW_PERIOD_S, SLOW_SHARE = 0.1, 0.7
-"""Slowing of a service: `SLOW_PERIOD_S`: period, s of wall time; `SLOW_SHARE`: share of it spent stopped."""
+"""Slowing of a service: `SLOW_PERIOD_S`: period, s of wall time; `SLOW_SHARE`: stopped share of a period."""
 LOOK_S = 0.01
 """Interval between two checks of the live system for signs of a fault and of recovery, s of wall time."""
 RECOVER_S = 90.0

@@ -46,7 +46,7 @@ class MemoryRun(ChaosRun):
     unbound: int
     """Number of messages that services refused because their sender is no member of the system."""
     wall_s: float
-    """Virtual time of the run, s."""
+    """Duration of the run in virtual time, s."""
 
 
 def run_chaos(

@@ -35,9 +35,9 @@ COSTS: Mapping[str, tuple[Mapping[str, float], ...]] = {
 """Processor time to compile each kernel on a slow core, s, by command; kernels in order of compilation. `estimate` has
 an order for an empty cache and one for a cache with the services' kernels; `train` one for planner, one for sarsa."""
 PACED_S = 4.0
-"""Usual processor time of the finished kernels, s; from it on, their measured time scales the estimates."""
+"""Usual processor time of the finished kernels, s, from which on their measured time scales estimates of the rest."""
 MOST = 0.95
-"""Largest share of a kernel's usual time that counts as done while the kernel is still being compiled."""
+"""Largest share of a kernel's usual compilation time that counts as done before the kernel is compiled."""
 
 
 class CompiledShare:

@@ -22,7 +22,7 @@ class Form(StrEnum):
 SIMULATOR = "simulator"
 """Name of the driver service that stands for all drivers in the graph of services."""
 MOST_SOURCES = 3
-"""Number of sources; a service that reads topics of more services than this, and publishes none to others, gets a
+"""Number of services: a service that reads topics of more than this many, and publishes none to others, is drawn with a
 single arrow from all of them."""
 
 

@@ -11,7 +11,7 @@ LEAST_TEXT = 24
 """Least width of a column with wrapped cells, characters; where less is available, each row is printed as a block."""
 
 Cell = tuple[str, str]
-"""Cell of a table: its text and its style, the name of a colour with an optional `bold ` before it, or empty."""
+"""Cell of a table as (text, style); style: name of a colour, with an optional `bold ` before it, or empty."""
 
 
 def table_lines(

@@ -43,7 +43,7 @@ REDRAWN_S = 0.2
 """Wall time between two redraws of a plot in the terminal, s."""
 HEADER = ("stamp_ns", "tick", "epoch", "seq", "source")
 SHOWN, LONGEST = 24, 200
-"""`SHOWN`: largest number of list elements, `LONGEST`: of text characters, in a readable line; the rest is cut off."""
+"""`SHOWN`: most elements of a list, `LONGEST`: most characters of a text, in a readable line; the rest is cut off."""
 
 app = typer.Typer(help="Topics: list, show, echo, publish, measure.", no_args_is_help=True)
 Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.", autocompletion=topics)]

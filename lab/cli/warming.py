@@ -74,7 +74,7 @@ class Warmed:
     """Number of functions compiled because the cache lacked them, including those that kernels and numba call."""
     seconds: float
     files: dict[str, str] = field(default_factory=dict[str, str], repr=False)
-    """Path of each kernel cache file, to a hash of the sources that it was compiled from."""
+    """Hash of the sources from which each kernel cache file was compiled, by path of the file."""
 
     def row(self) -> dict[str, Any]:
         """Return the result as a row of the table that `surefoot warm` prints."""

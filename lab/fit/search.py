@@ -22,7 +22,7 @@ STEP = 1e-3
 """Step of the finite differences for gradient and curvature of -ln L, in the unit of the search coordinate (the
 parameter, or its natural logarithm if it is positive)."""
 IMPOSSIBLE = 1e12
-"""Negative log-likelihood assigned to parameters under which the filter fails numerically."""
+"""Negative log-likelihood, nats, assigned to parameters under which the filter fails numerically."""
 LOWEST, HIGHEST = math.log(1e-5), 3.0
 """`LOWEST`, `HIGHEST`: bounds of the search in the natural logarithm of a positive parameter (SI units)."""
 FACTOR = 10.0
@@ -30,8 +30,8 @@ FACTOR = 10.0
 ENOUGH = 0.5 * Z95**2
 """Drop of the log-likelihood from its maximum at the ends of a 95 % interval, nats."""
 EVALUATIONS, MOST_SHOWN = 270, 0.95
-"""`EVALUATIONS`: typical number of gradient evaluations of a search; `MOST_SHOWN`: largest progress reported before
-its end, share."""
+"""`EVALUATIONS`: typical number of gradient evaluations of a search; `MOST_SHOWN`: largest share of progress, 0 to 1,
+that is reported before the search has ended."""
 CENTRE = 0.41
 """Ratio of fitted value to upper 95 % bound for a noise that may be zero, as mean to bound of a half-normal density."""
 

@@ -23,7 +23,7 @@ class Tried:
     sliding_mm: tuple[float, ...]
     """Mean sliding of the contact point per stance on each kind of ground, mm."""
     failed: int
-    """Number of walks that did not reach the commanded distance."""
+    """Number of walks under this weight that did not reach the commanded distance."""
 
     @property
     def mean(self) -> float:

@@ -66,7 +66,7 @@ class ChosenStance:
     leg: int
     """Index of the stance leg in the robot description."""
     step: int
-    """Number of the foothold choice within the walk, from 1."""
+    """Ordinal number of the foothold choice within the walk, from 1."""
     planned: tuple[float, float]
     """Position x, y of the chosen foothold, map frame, m."""
     nominal: tuple[float, float]

@@ -18,7 +18,7 @@ from surefoot.tables import shown
 MOST_BYTES = 16 * 1024 * 1024
 """Largest size of a robot file, bytes; larger files are refused (a robot with many geoms has 1 MB)."""
 MOST_ELEMENTS, MOST_DEPTH = 50_000, 200
-"""`MOST_ELEMENTS`: largest number of XML elements in a robot file; `MOST_DEPTH`: their largest nesting depth."""
+"""`MOST_ELEMENTS`: largest number of XML elements in a robot file; `MOST_DEPTH`: their largest depth."""
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SMALLEST_INERTIA = 1e-12
 """Least principal inertia of a URDF link, kg m^2; smaller ones are raised to it, since MuJoCo refuses zero."""

@@ -39,7 +39,7 @@ STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
 SPRAWLED_STRIDE = 0.22
 """Distance that the trunk of a robot with six legs travels per gait cycle, as a share of the leg length."""
 LEAN_SHARE = 0.55
-"""Stability margin required before a foot lifts, as a share of the other feet's inscribed circle radius."""
+"""Stability margin required before a foot lifts, as a share of the radius of the circle inscribed in the other feet."""
 SWAY = 0.36
 """Largest displacement of the zero-moment point by the trunk's acceleration, as a share of the stability margin."""
 
