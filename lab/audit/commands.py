@@ -18,10 +18,10 @@ def audit(
     recording: Annotated[Path, typer.Argument(help="MCAP recording of a walk.")],
     json: Json = False,
 ) -> None:
-    """Check every margin that a recording claims, by proofs that need no solver. Exit code 1: one is contradicted.
+    """Check every stability margin in a recording, by proofs that need no solver. Exit code 1: one is contradicted.
 
-    Contact forces prove that the robot was held, twists that it would not have been further out. Both are checked by
-    code that knows nothing of the service that found them.
+    Contact forces prove that the robot was in equilibrium, twists that it could not be with its CoM further out. Both
+    are checked by code that is independent of the service that found them.
     """
     use_json(json)
     with Progress(f"proofs of {recording.name}", reads=[recording]) as progress:

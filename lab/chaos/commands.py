@@ -58,7 +58,7 @@ def chaos(
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is in that folder.")] = False,
     json: Json = False,
 ) -> None:
-    """Run a scenario while faults that a seed draws happen to it. Exit code 1: something was unsafe or not back.
+    """Run a scenario with random faults drawn from a seed. Exit code 1: it was unsafe, or a service did not recover.
 
     In one process (the default) messages are dropped, doubled, reordered, delayed, corrupted and forged and services
     killed and frozen, in virtual time: a seed replays a failure to the bit. The events of a failure are left out as
@@ -97,7 +97,7 @@ def chaos(
 
 
 def _chosen(text: str, *, zenoh: bool) -> "tuple[Kind, ...]":
-    """Return the kinds of faults in a comma-separated list; empty if the list is, so that each seed draws its kinds."""
+    """Return the kinds of faults in a comma-separated list; empty = each seed draws its kinds."""
     from .events import LIVE, MEMORY
 
     known = (LIVE if zenoh else MEMORY).kinds

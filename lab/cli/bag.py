@@ -35,7 +35,7 @@ def info(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Show what a recording holds."""
+    """Show the content of a recording: duration, metadata, number of messages by topic."""
     from surefoot.record.recording import recording_info
 
     use_json(json)
@@ -90,8 +90,8 @@ def record(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Record what is on the bus as an observer, until Ctrl-C. (The recorder service misses nothing; this may.) Exit
-    code 1: nothing came."""
+    """Record messages of the bus as an observer, until Ctrl-C; unlike the service recorder, this may miss some. Exit
+    code 1: no message arrived."""
     from .bags import record_bag
 
     use_json(json)

@@ -13,7 +13,7 @@ app = typer.Typer(help="Live bridges to the programs of others.", no_args_is_hel
 
 @app.callback()
 def bridges() -> None:
-    """Live bridges to the programs of others."""
+    """Bridge a running system to Foxglove or ROS 2 (group of commands `surefoot bridge`)."""
 
 
 @app.command()
@@ -25,7 +25,7 @@ def foxglove(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Serve the running system to Foxglove, Lichtblick or another client of their WebSocket. Ends with Ctrl-C."""
+    """Serve the running system to Foxglove, Lichtblick or another client of their protocol, until Ctrl-C."""
     from ..scene.pages import LAYOUT, WEB
     from ..view.bridge import PORT, FoxgloveBridge
 
@@ -50,7 +50,7 @@ def ros2(
     connect: Connect = None,
     namespace: Namespace = None,
 ) -> None:
-    """Publish the running system on ROS 2 over Zenoh, under names of a file or of options. Ends with Ctrl-C."""
+    """Publish the running system on ROS 2 over Zenoh, with topic names of a file or of options, until Ctrl-C."""
     from surefoot.lockstep.launch import main
     from surefoot.services.ros2.service import SERVICE
 

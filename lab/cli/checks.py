@@ -22,7 +22,7 @@ SOON_DAYS = 30  # a certificate that ends within so many days is named
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Result of one check of this machine: grade, what was checked, what was found, and the remedy."""
+    """Result of one check of this machine: grade (PASS, WARN, FAIL), subject, finding, and remedy."""
 
     grade: Grade
     what: str

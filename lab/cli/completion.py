@@ -57,7 +57,7 @@ def queries(incomplete: str) -> list[str]:
 
 
 def parameters(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Return the names of parameters that begin with `incomplete`, of the service on the command line if it is known.
+    """Return the names of parameters that begin with `incomplete`, of the service named on the command line, if any.
 
     Args:
         ctx: words of the command line so far; `service` is the name of a service.

@@ -84,7 +84,7 @@ def common(
     debug: bool = typer.Option(False, "--debug", help="Show tracebacks of errors."),
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
 ) -> None:
-    """Options of all commands."""
+    """Set the options that all commands share: tracebacks of errors, version."""
     state.debug = debug
 
 

@@ -18,7 +18,7 @@ app = typer.Typer(help="Services of a running system: list, show.", no_args_is_h
 
 @app.command("list")
 def list_nodes(connect: Connect = None, namespace: Namespace = None, json: Json = False) -> None:
-    """List the services that run: process, state, times of a tick."""
+    """List the running services with process, state and computing time per tick."""
     from surefoot.lockstep.discover import service_names
 
     use_json(json)
@@ -36,7 +36,7 @@ def list_nodes(connect: Connect = None, namespace: Namespace = None, json: Json 
 
 @app.command()
 def info(service: ServiceName, connect: Connect = None, namespace: Namespace = None, json: Json = False) -> None:
-    """Show what a service reads, publishes, answers and asks, and its state where it runs."""
+    """Show the topics that a service reads and publishes, the queries that it answers and asks, and its state."""
     from surefoot.errors import BusError
 
     use_json(json)

@@ -55,7 +55,7 @@ state = OutputState()
 
 
 def use_json(wanted: bool) -> bool:
-    """Set whether this command writes its output and its errors as JSON; return `wanted`."""
+    """Set the output format of this command: True: JSON, False: text for people; return `wanted`."""
     state.json = wanted
     return wanted
 

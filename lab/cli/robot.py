@@ -99,7 +99,7 @@ def check(
     ],
     json: Json = False,
 ) -> None:
-    """Read and validate a robot description, show what was understood, compare an imported one with its source."""
+    """Validate a robot description, show its summary, and compare an imported one with its source."""
     from surefoot.robot.reader import load_robot
 
     use_json(json)

@@ -26,7 +26,7 @@ without_papers = typer.Typer()
 
 @without_papers.command("reproduce", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def reproduce(context: typer.Context) -> None:
-    """Compute the figures and numbers of a paper again (not installed)."""
+    """Reproduce the figures and numbers of a paper (needs the `papers` package, which is not installed)."""
     from surefoot.errors import SurefootError
 
     from .output import use_json

@@ -14,7 +14,7 @@ AtTick = Annotated[int | None, typer.Option(min=0, help="Control tick it happens
 
 @app.command()
 def status(connect: Connect = None, namespace: Namespace = None, json: Json = False) -> None:
-    """Show how simulated time runs."""
+    """Show the state of simulated time: tick, pace, running or paused."""
     from surefoot.simtime import pace
 
     use_json(json)
@@ -25,13 +25,13 @@ def status(connect: Connect = None, namespace: Namespace = None, json: Json = Fa
 
 @app.command()
 def pause(at_tick: AtTick = None, connect: Connect = None, namespace: Namespace = None, json: Json = False) -> None:
-    """Stop simulated time after a tick."""
+    """Pause simulated time after a control tick."""
     _act("sim/pause", {"at_tick": at_tick}, "simulated time pauses at tick {tick}", connect, namespace, json=json)
 
 
 @app.command()
 def resume(connect: Connect = None, namespace: Namespace = None, json: Json = False) -> None:
-    """Let simulated time go on."""
+    """Resume simulated time after a pause."""
     _act("sim/step", {"ticks": None}, "simulated time goes on from tick {tick}", connect, namespace, json=json)
 
 
@@ -42,7 +42,7 @@ def step(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Let some ticks pass, then pause."""
+    """Advance simulated time by some control ticks, then pause."""
     text = f"{ticks} ticks from tick {{tick}} on, then a pause"
     _act("sim/step", {"ticks": ticks}, text, connect, namespace, json=json)
 
@@ -54,7 +54,7 @@ def speed(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Change the pace of simulated time."""
+    """Set the real-time factor at which simulated time runs."""
     text = f"simulated time runs at {factor:g} times real time" if factor else "simulated time runs as fast as it goes"
     _act("sim/speed", {"rtf": factor}, text, connect, namespace, json=json)
 
@@ -71,7 +71,7 @@ def push(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Push the robot, as in `surefoot sim push -5` (backward)."""
+    """Push the robot with a force, N, along the world axes, e.g. `surefoot sim push -5` along -x."""
     fields = {"force": (forward, left, up), "duration": duration, "body": body, "at_tick": at_tick}
     _act(
         "sim/push", fields, f"{body} is pushed from tick {{tick}} on for {duration:g} s", connect, namespace, json=json
@@ -89,7 +89,7 @@ def fault(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Inject a fault into the simulation for a while."""
+    """Inject a fault of a joint, leg or sensor into the simulation for a limited time."""
     fields = {"kind": kind, "target": target, "value": value, "duration": duration, "at_tick": at_tick}
     _act("sim/fault", fields, f"{kind} from tick {{tick}} on for {duration:g} s", connect, namespace, json=json)
 

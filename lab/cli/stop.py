@@ -1,4 +1,4 @@
-"""`surefoot stop`: the emergency stop. The system stays up; the robot holds its joints."""
+"""Command `surefoot stop`: emergency stop. The services keep running; the robot holds its joints."""
 
 from typing import Annotated
 

@@ -110,7 +110,7 @@ def supervise(
     terrain: Annotated[str, typer.Option(help="Kind of terrain (simulation).")] = "flat",
     listen: Listen = None,
 ) -> None:
-    """Hold the router and watch a system whose services are started by a container engine."""
+    """Run the router, and supervise a system whose services are started by a container engine."""
     from surefoot.schemas.sim import World
     from surefoot.services.supervisor.processes.compose import load_compose
     from surefoot.services.supervisor.processes.keep import StartOrder, keep
@@ -127,7 +127,7 @@ def down(
     every: Annotated[bool, typer.Option("--all", help="Stop every system.")] = False,
     json: Json = False,
 ) -> None:
-    """Stop a system that runs, or what is left of one that crashed.
+    """Stop a running system, or the remaining processes of one that crashed.
 
     Of several, the one at SUREFOOT_LISTEN is meant; else name one, or --all.
     """
@@ -168,7 +168,7 @@ def status(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Show the systems that run and their health. Exit code 1: nothing runs, or a service is not well."""
+    """Show the running systems and their health. Exit code 1: nothing runs, or a service is not healthy."""
     use_json(json)
     if system is not None:
         _check_known(Path(system).stem)
@@ -224,7 +224,7 @@ def health(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Request the health of a service: the probe of the compose files. Exit code 1: it is not well."""
+    """Request the health of a service, as the probe in compose files. Exit code 1: it is not healthy."""
     from surefoot.schemas.system import HealthRequest
     from surefoot.schemas.topics import HEALTH_GET
 

@@ -203,7 +203,7 @@ def hz(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Measure the rate of a topic, in wall time and in simulated time. Exit code 1: nothing came."""
+    """Measure the message rate of a topic, in wall time and in simulated time. Exit code 1: no message arrived."""
     from surefoot.client import topic_named
 
     use_json(json)

@@ -29,7 +29,7 @@ def navigator(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Fit motion noise, drift, durations, match probabilities and sight of a robot. The truth is not read.
+    """Fit motion noise, drift, durations, match probabilities and sight of a robot; ground truth is not used.
 
     Recordings with images need --landmarks, the map that vision used.
     """

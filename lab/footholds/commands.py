@@ -135,7 +135,7 @@ def learn(
     seed: Annotated[int, typer.Option(min=0, help="Equal samples and seed, equal bytes.")] = 0,
     json: Json = False,
 ) -> None:
-    """Learn a slip model from samples; the size of the fit is chosen on trials that were held back."""
+    """Learn a slip model from samples; the size of the fit is chosen by cross-validation over trials."""
     use_json(json)
     with Progress(f"slip model {title}", reads=samples) as progress:
         from dataclasses import asdict
@@ -180,7 +180,7 @@ def tune(
     jobs: Jobs = 1,
     json: Json = False,
 ) -> None:
-    """Choose the weight k of the distance by whole walks on training seeds."""
+    """Choose a slip model's weight k of the distance to the nominal foothold, by simulated walks on training seeds."""
     from dataclasses import replace
 
     from surefoot.services.footholds.models.files import load, save
@@ -211,7 +211,7 @@ def merge(
     weight: Annotated[float, typer.Option(min=0.0, max=1.0, help="How much samples of the second count.")] = 1.0,
     json: Json = False,
 ) -> None:
-    """Make one model of two; with weight 1 its bins are those of all samples, to the byte."""
+    """Merge two slip models; with weight 1 the bins equal those of a model of all samples, to the byte."""
     from surefoot.services.footholds.learning.merge import merge as joined
     from surefoot.services.footholds.models.files import load, save
 
@@ -229,7 +229,7 @@ def show(
     picture: Annotated[Path | None, typer.Option("--picture", help="Draw P over (K1, K2) and the support.")] = None,
     json: Json = False,
 ) -> None:
-    """Show what a model holds: conditions, ranges, fit, where its samples came from."""
+    """Show the content of a slip model: conditions, ranges, fit, origin of its samples."""
     use_json(json)
     found = _load(model)
     ranges = dict(zip(("K1 / 8 cells", "K2 / 8 cells", "cos K3"), found.ranges, strict=True))
@@ -262,7 +262,7 @@ def judge(
     samples: Annotated[list[Path], typer.Argument(help="Samples of trials that the model was not made of.")],
     json: Json = False,
 ) -> None:
-    """Report how well a model predicts stances: rank correlation, AUC of slips over twice flat, its 80 % intervals."""
+    """Report how well a slip model predicts stances: rank correlation, AUC of slips over twice flat, 80 % intervals."""
     from surefoot.errors import SurefootError
     from surefoot.services.footholds.learning.quality import prediction_quality
 
@@ -296,7 +296,7 @@ def score(
     ] = 0.0,
     json: Json = False,
 ) -> None:
-    """Score the ground of a map file; no running system is needed."""
+    """Score the ground of a height map file by a slip model; no running system is needed."""
     import math
 
     from surefoot.services.footholds.masks import REASONS

@@ -64,7 +64,7 @@ def navigator(
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value of the model; repeatable.")] = None,
     json: Json = False,
 ) -> None:
-    """Walk a policy through simulated episodes; the policy `limit` is a planner that knows true pose and drift."""
+    """Evaluate a policy in simulated episodes; the policy `limit` is a planner that knows true pose and drift."""
     use_json(json)
     chosen = seeds_of(seeds)
     with Progress(f"{chosen.count} episodes of {policy}") as progress:
