@@ -14,9 +14,9 @@ class RunningSystem(NamedTuple):
 
     Attributes:
         name: name of the system, or its namespace if it runs on another machine.
-        connect: Zenoh endpoint of its router.
-        namespace: prefix of its keys.
-        folder: its run folder, None where it runs elsewhere.
+        connect: Zenoh endpoint of the system's router.
+        namespace: prefix of the system's keys.
+        folder: run folder of the system; None if it runs on another machine.
     """
 
     name: str

@@ -48,14 +48,14 @@ def seen(connect: str | None, namespace: str | None, robot: str | None, wait_s: 
     """Connect to a running system as soon as it answers; yield its address, a client and its robot.
 
     Args:
-        connect: endpoint of its router; None = the system that runs here.
-        namespace: prefix of its keys; None = that of the system.
-        robot: name or folder of the robot; None = that of the system.
+        connect: endpoint of the system's router; None = the system on this machine.
+        namespace: prefix of the system's keys; None = as the system was started.
+        robot: name or folder of the robot; None = as its driver reports.
         wait_s: longest wait for an answer, s.
 
     Raises:
         BusError: no system answers.
-        SurefootError: its robot is not known here.
+        SurefootError: the system's robot is not known on this machine.
     """
     from ..view.newest import robot_behind
     from .running import only_one, systems

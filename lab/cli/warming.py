@@ -84,7 +84,7 @@ class Warmed:
 def jobs_of(systems: Iterable[Compose], rare: bool = False) -> tuple[Job, ...]:
     """Return the compilation jobs of systems, one per service with kernels and robot, in the order of `ORDER`.
 
-    `rare`: True: also kernels that only rare queries need; False: only those of regular operation.
+    `rare`: True: the jobs include kernels that only rare queries need; False: only kernels of regular operation.
 
     Raises:
         RobotError: a system names a robot that is not there.

@@ -30,7 +30,7 @@ def durations(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> Non
     """Add durations of actions, s, extra times of switching between kinds, s, and camera frames per action to a result.
 
     Args:
-        runs: recordings.
+        runs: motions, sightings and times of each recording.
         model: navigation model, which names the actions.
         found: result, changed in place; actions that do not occur in the recordings get no values.
     """
@@ -102,7 +102,7 @@ def matches(runs: Sequence[Run], model: NavigationModel, found: Fitted) -> None:
     equals the observed number.
 
     Args:
-        runs: recordings.
+        runs: motions, sightings and times of each recording.
         model: navigation model, which names the actions.
         found: result, changed in place.
     """

@@ -72,7 +72,7 @@ class Likelihood:
     A context manager, which ends the threads on exit.
 
     Args:
-        runs: recordings.
+        runs: motions, sightings and times of each recording.
         actions: forward (m), turn (rad), group (0 on the spot, 1 straight, 2 arc) of each action, (A, 3).
         sd_start: standard deviations of position (m) and heading (rad) at the start, (2,).
         height: height of the camera above the ground, m.
