@@ -50,7 +50,7 @@ def seen(connect: str | None, namespace: str | None, robot: str | None, wait_s: 
     Args:
         connect: endpoint of the system's router; None = the system on this machine.
         namespace: prefix of the system's keys; None = as the system was started.
-        robot: name or folder of the robot; None = as its driver reports.
+        robot: name or folder of the robot; None = that with which the system was started.
         wait_s: longest wait for an answer, s.
 
     Raises:
