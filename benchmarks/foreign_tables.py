@@ -121,7 +121,11 @@ def maker_yaw(log: Log, data: Path) -> NDArray[np.float64]:
 
 
 def summaries(kept: Mapping[str, Mapping[str, ForeignScore | LegOut]]) -> None:
-    """Print one table for each measure in `RATIOS`, a row for each log with truth, a column for each estimator."""
+    """Print one table for each measure in `RATIOS`, a row for each log with truth, a column for each estimator.
+
+    `kept`: scores by log, then by estimator; `LegOut` marks a log without truth. Fewer than two logs with truth print
+    nothing.
+    """
     truths = {name: found for name, found in kept.items() if not any(isinstance(s, LegOut) for s in found.values())}
     columns = list(dict.fromkeys(one for found in truths.values() for one in found))
     for measure, text in RATIOS.items() if len(truths) > 1 else ():

@@ -74,7 +74,11 @@ class Hpp:
         ]  # fmt: skip
 
     def solver(self, generators: int) -> Call:
-        """Return a function that computes 16 rays from the centroid with friction pyramids of `generators` edges."""
+        """Return a function of a contact set that computes the reach of its support region in 16 directions, (16,) m.
+
+        The reach is the distance from the mean of the contacts to the edge of the region, NaN = not found; the friction
+        cones, all of coefficient `MU`, are replaced by pyramids of `generators` edges.
+        """
         assert self._library is not None
         function, handle = self._library.hpp_region, self._library.hpp_new(generators)
         rays = np.ascontiguousarray(SIXTEEN)

@@ -42,7 +42,13 @@ def certificates(namespace: str) -> Iterator[None]:
 
 
 def echo(router: str, ready: Any, stop: Any) -> None:
-    """Send every received joint state back in a frame of the walker; runs in a process of its own."""
+    """Send every received joint state back in a frame of the walker, in a process of its own, until `stop` is set.
+
+    Args:
+        router: endpoint of the router to connect to.
+        ready: event of multiprocessing, set here once joint states are received.
+        stop: event of multiprocessing that ends the loop.
+    """
     bus = ZenohBus(ZenohOptions("peer", (router,), (), NAMESPACE, "walker"))
     work: SimpleQueue[Any] = SimpleQueue()
     pong = bus.publisher(PONG)

@@ -22,7 +22,7 @@ class CalibrationPose(Request):
     """Joint angles and torques of the robot at rest, with all marked feet on the ground, for a torque calibration."""
 
     joints: PerJoint = Field(description="joint angles, rad, order of the robot description")
-    torque: PerJoint = Field(description="torques as the driver tells them, Nm")
+    torque: PerJoint = Field(description="torques as the driver reports them, Nm")
     g_up: Vec3 = Field(default=(0.0, 0.0, 9.81), description="upward specific force, m/s^2, base_link")
     touch: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] | None = Field(
         default=None, description="per foot: on the ground; null = all"

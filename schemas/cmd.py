@@ -21,7 +21,7 @@ class WalkCommand(Request):
 
     schema_version: ClassVar[str] = "1.1"
     action: Literal["walk", "turn", "stand", "stop"] = Field(description="what to do")
-    distance: float | None = Field(default=None, ge=-100, le=100, description="m along the heading; null = until told")
+    distance: float | None = Field(default=None, ge=-100, le=100, description="m along the heading; null = until stop")
     velocity: float | None = Field(
         default=None, ge=-1, le=1, description="m/s along the heading; null = the gait's own"
     )

@@ -221,7 +221,7 @@ class CheckReply(RegionReply):
     margin_now: float | None = Field(description="m, the same for the CoM now")
     margin_robust: float | None = Field(
         default=None,
-        description="m, margin that is left with the doubt of the request; null: none was given, or nothing",
+        description="m, margin left with the uncertainty `doubt` of the request; null: none was given, or no margin",
     )
     gradient: MarginGradient | None = Field(
         default=None, description="of margin; null: not asked for, or there is no area, or no edge"
@@ -292,12 +292,12 @@ class ComRequest(Request):
     )
     load_n: Annotated[tuple[float | None, ...], Field(max_length=MAX_FEET)] | None = Field(
         default=None,
-        description="per foot: what a sensor under it says of the force along the ground's normal, N (0 = below its "
+        description="per foot: force along the ground's normal by a sensor under it, N (0 = below its "
         "range), fused with the torques; null = no sensor",
     )
     known_weight: bool = Field(
         default=False,
-        description="true: the robot carries no load, so its weight tells the common factor of all torques",
+        description="true: the robot carries no load, so its weight shows the common factor of all torques",
     )
     tilt_sd_rad: float = Field(default=0.0, ge=0, le=1, description="rad, standard deviation of roll and pitch of base")
     robot: str | None = Field(
@@ -324,10 +324,10 @@ class ComReply(Reply):
         default=None, description="N, ground on each foot, frame world, order of the legs; zero where not observed"
     )
     observed: Annotated[tuple[bool, ...], Field(max_length=MAX_FEET)] = Field(
-        default=(), description="per foot: the posture lets the torques tell the force, or a sensor does"
+        default=(), description="per foot: the torques determine the force in this posture, or a sensor does"
     )
     gain: float | None = Field(
-        default=None, description="factor of all torques that the known weight tells; null = not asked, or not told"
+        default=None, description="factor of all torques by the known weight; null = not asked, or not observed"
     )
 
 

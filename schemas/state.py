@@ -57,7 +57,7 @@ class VelocityEstimate(Message):
         default=0, ge=0, description="inputs refused since the epoch began (late, NaN, duplicate, ...)"
     )
     reasons: tuple[str, ...] = Field(
-        default=(), exclude_if=_zero, description="what is to be said of the estimate, in words; empty: all is well"
+        default=(), exclude_if=_zero, description="remarks on the estimate, in words; empty: all is well"
     )
 
 
@@ -148,7 +148,7 @@ class GaitState(Message):
     )
     reason: str = Field(default="", description="why a step was refused or degraded, in words")
     steps: int = Field(default=0, ge=0, description="steps taken in this epoch")
-    feet_sensed: PerFoot = Field(default=(), description="per foot 1.0 if the switches say contact, else 0.0")
+    feet_sensed: PerFoot = Field(default=(), description="per foot 1.0 if the switches show contact, else 0.0")
     order: int = Field(
         default=0, ge=0, exclude_if=_zero, description="number of the navigator's last order that was taken up"
     )
@@ -157,5 +157,5 @@ class GaitState(Message):
         default=None,
         exclude_if=_none,
         description="s until the last planned step of the command lands; a command that comes 0.25 s before it follows "
-        "without a halt; null = no command is under way, or the gait cannot say",
+        "without a halt; null = no command is under way, or the gait does not know",
     )

@@ -26,7 +26,7 @@ class JoinRequest(Request):
 class JoinReply(Reply):
     """Reply to a service that asks to join: if accepted, the driver tests its links, then puts it on the roster."""
 
-    accepted: bool = Field(description="false: the reason says why")
+    accepted: bool = Field(description="false: for the reason in `reason`")
     reason: str = Field(default="", description="in words")
 
 

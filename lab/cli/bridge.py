@@ -25,7 +25,10 @@ def foxglove(
     namespace: Namespace = None,
     json: Json = False,
 ) -> None:
-    """Serve the running system to Foxglove, Lichtblick or another client of their protocol, until Ctrl-C."""
+    """Serve the running system to Foxglove, Lichtblick or another client of their protocol, until Ctrl-C.
+
+    With --duration it also ends after so many s of wall time; 0 = never.
+    """
     from ..scene.pages import LAYOUT, WEB
     from ..view.bridge import PORT, FoxgloveBridge
 

@@ -142,9 +142,9 @@ def _either(job: Job) -> tuple[Job, Job]:
 
 
 def _holds(stamp: Path) -> bool:
-    """Return True if a job was done and its kernel files are still there and unchanged, else False.
+    """Return True if the stamp file of a compile job exists and each kernel file in it still holds its listed hash.
 
-    The files can be removed or compiled again from other sources while the stamp file of the job remains.
+    Kernel files can be removed or compiled again from other sources while the stamp file of the job remains: False.
     """
     lines = _lines(stamp)
     try:

@@ -144,7 +144,10 @@ class Log:
 
     @property
     def scored(self) -> Flags:
-        """Flags of the inertial rows that are scored, (n,): within the scored time, and where the truth is valid."""
+        """Flags of the inertial rows that are scored, (n,): True where the truth is valid, without start and end.
+
+        The first `begin_s` s and the last `end_s` s of the log are left out.
+        """
         rows = (self.seconds >= self.begin_s) & (self.seconds <= self.seconds[-1] - self.end_s)
         if self.truth is not None and self.truth.held is not None:
             rows &= ~self.truth.held

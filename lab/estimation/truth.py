@@ -133,10 +133,11 @@ def slopes(values: Array, rows: int, period: float) -> Array:
 
 
 def velocity_of(position: Array, rot: Array, seconds: Array, acc: Array) -> tuple[Array, float]:
-    """Return the velocity behind positions, (n, 3) m/s, world, and the window of the fits behind it, s.
+    """Return the velocity of the IMU by cubic fits to its positions, (n, 3) m/s, world, and the window of the fits, s.
 
-    Of all windows, that whose changes of velocity are nearest to those by the accelerometer: short ones leave the
-    scatter of the positions, long ones take away the motion.
+    Of the windows in `WINDOWS_S` it takes the one whose velocity changes over `APART_S` = 0.1 s are nearest to those by
+    the accelerometer: short windows leave the scatter of the positions, long ones smooth the motion. Window 0 stands
+    for differences of neighbours.
 
     Args:
         position: of the IMU, (n, 3) m, world.

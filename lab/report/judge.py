@@ -138,8 +138,8 @@ class RunVerdict:
     def of_a_part(self) -> "RunVerdict":
         """Return the verdict on a recording of which only a part can be read.
 
-        A limit is missed only where the part that is lost cannot change that, as for the largest tilt,
-        but not for the distance walked.
+        A missed limit stays missed only where the lost part cannot change that, as for the largest tilt, but not for
+        the distance walked; every other limit, also one that is met, is left open (`ok` None).
         """
         rows = tuple(
             row if METRICS[row.name].lasting and row.ok is False else replace(row, ok=None) for row in self.rows

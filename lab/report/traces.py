@@ -174,7 +174,10 @@ class Traces:
         self._row(key, m, *m.velocity, float(m.initialised), *np.sqrt(variance), np.nan if m.nis is None else m.nis)
 
     def _odometry(self, key: str, m: Any) -> None:
-        """Add a row: time s, position m (3, odom), yaw rad, standard deviations of x and y m, 1 = initialised."""
+        """Add a row: time s, position m (3, odom), yaw rad, standard deviations of x and y m, 1 = initialised.
+
+        Without `sim/truth` the stances in the message are added too; after `state/landmarks`, its pose to the sights.
+        """
         variance = np.maximum(np.array(m.covariance).reshape(4, 4).diagonal(), 0.0)
         time = self._row(key, m, *m.position, m.yaw, *np.sqrt(variance[:2]), float(m.initialised))
         if "state/landmarks" in self.rows:

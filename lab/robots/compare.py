@@ -1,4 +1,7 @@
-"""Comparison of an imported robot with its source at random postures, by MuJoCo and, if installed, pinocchio."""
+"""Comparison of an imported robot with its source at random postures, by MuJoCo and, if installed, pinocchio.
+
+Compared are mass, centre of mass, foot centres and spheres, foot Jacobians, inertia matrix and gravity torques.
+"""
 
 # mujoco and pinocchio have no type stubs for their compiled modules:
 # pyright: reportAttributeAccessIssue=false
@@ -223,7 +226,11 @@ def _pinocchio(robot: Robot, notes: ImportNotes, text: str) -> Any:
 def _frames(
     pin: Any, model: Any, data: Any, q: Array, robot: Robot, notes: ImportNotes, pick: Array
 ) -> tuple[Array, Array]:
-    """Return foot centres and spheres, (L + k, 3) m, and foot Jacobians (L, 3, n), m, by pinocchio at q (n,) rad."""
+    """Return L foot centres and k sphere centres of the feet, (L + k, 3) m, and the Jacobians of the foot centres.
+
+    The Jacobians, (L, 3, n) m/rad, are by the joints of each leg. All in pinocchio's world frame; `q`: pinocchio's
+    configuration, which also holds the pose of the free base; `pick`: its velocities by (base, joints of the robot).
+    """
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     columns = np.zeros((robot.nlegs, 3, robot.model.leg_joints.shape[1]))

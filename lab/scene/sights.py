@@ -1,6 +1,7 @@
 """Camera images of a run with what was recognised in them: features, and matches with the map.
 
-The last image of each action is kept, with the gate (search radius) of each match, which the believed pose set.
+The last image of each of the first `MOST_ACTIONS` = 4 actions is kept, with the gate (search radius) of each match,
+which the believed pose set; there is no gate where the whole map was searched.
 """
 
 import math

@@ -115,7 +115,7 @@ class Requests:
             return self.catalogue.decider(None)
 
     def cancel(self, request: nav.CancelRequest) -> nav.NavigatorReply:
-        """End the present goal; the robot comes to stand on both feet."""
+        """End the present goal, at the tick that the request states, or now; the robot comes to stand on all feet."""
         self._refuse_late(request.at_tick)
         goal = self.pilot.goal
         if request.at_tick is None and (goal is None or self.pilot.state != "navigating"):

@@ -1,4 +1,7 @@
-"""The walker service: walk commands in, joint commands out; requests footholds and a check before each step."""
+"""The walker service: walk commands in, joint commands out.
+
+With four or six legs it requests footholds and a stability check before each step; a biped walks without either.
+"""
 
 import dataclasses
 from typing import Any

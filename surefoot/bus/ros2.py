@@ -89,7 +89,7 @@ def _dds(kind: str) -> str:
 
 
 class WallOffset:
-    """Estimate of the offset of wall time from the time of a run: the least difference, raised by 100 ppm for drift."""
+    """Estimate of wall time minus the time of a run: the least difference so far, which grows by 100 ppm for drift."""
 
     def __init__(self) -> None:
         self._offset_ns: int | None = None

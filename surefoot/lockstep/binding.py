@@ -13,7 +13,9 @@ from surefoot.schemas.topics import HW_TICK
 MOST_TRIED = 3
 """Largest number of processes that are asked in turn if several claim a service; each silent one costs about 0.2 s."""
 MOST_EARLY = 64
-"""Largest number of processes whose early frames are counted; frames of further processes are not counted."""
+"""Largest number of pairs of service and process whose early frames are counted; those of further pairs are not.
+
+A frame is early if the process sent it before the service was bound to this process."""
 
 
 class _Seal(NamedTuple):

@@ -94,7 +94,11 @@ class Intake:
         return self._newest["imu"] if self._origin is not None else -1
 
     def lacking_ns(self, tick: int) -> int:
-        """Return the time by which the inertial or the joint samples end before a tick does, ns; 0 = both cover it."""
+        """Return the time from the newest sample to the end of a tick, ns; 0 = inertial and joint samples cover it.
+
+        The older of the newest inertial and the newest joint sample counts, before any joint sample the inertial one;
+        before any inertial sample it is one tick, `TICK_NS`.
+        """
         newest = min(self._newest["imu"], self._newest.get("joints", self._newest["imu"]))
         return max(0, tick * TICK_NS - newest) if self._origin is not None else TICK_NS
 

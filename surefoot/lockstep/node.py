@@ -107,7 +107,7 @@ class Node:
             self.inbox.put_query(incoming)
 
     def _on_compile(self, name: str) -> None:
-        """Log the name of the first kernel that is compiled while the service prepares."""
+        """Publish health at each kernel that is compiled while the service prepares; log the name of the first."""
         if self.state == "starting":
             self.state = "compiling"
             self.log("info", f"compiling kernels, {name} first; `surefoot warm` does so ahead of time")

@@ -50,6 +50,6 @@ class Pace:
         return wait
 
     def late(self) -> bool:
-        """Return whether a delay too long to catch up has occurred since the last call."""
+        """Return True if a tick has been more than `SLACK_S` = 0.1 s of wall time overdue since the last call."""
         before, self._reported_s = self._reported_s, self.given_up_s
         return self.given_up_s > before

@@ -28,7 +28,10 @@ with the state and is not used in corrections."""
 
 
 class InekfNoise(NamedTuple):
-    """Standard deviations of the invariant extended Kalman filter; those of the inertial unit hold per 10 ms sample."""
+    """Standard deviations of the invariant extended Kalman filter, and its contacts (`points`).
+
+    sigma_w and sigma_q hold per sample of 10 ms; random walks hold per square root of s.
+    """
 
     sigma_w: float = 0.0054  # rad/s, of the gyro
     sigma_q: float = 0.035  # m/s^2, of the accelerometer

@@ -31,9 +31,11 @@ class BestOutput(NamedTuple):
     g: specific force at rest, IMU axes, m/s^2; v: velocity of the IMU, IMU axes, m/s; covariance: of (g, v), (6, 6);
     position and quat_wxyz: base_link in odom, m; v_odom: of base_link, odom axes, m/s; pose_covariance: of x, y, z and
     the rotation about them, odom axes, (6, 6); biases: IMU axes, rad/s and m/s^2; sliding: probability that a foot
-    slides, (L,), NaN = it does not stand; nis: normalised innovation squared, 3 degrees of freedom; excess: factor of
-    the inertial noise; expressed: velocities, turn rate, g and tilt in the frames of users, (5, 3); flags: inputs_ok,
-    filter_ok, sensors_ok; quiet: True = there is nothing to report but standing.
+    slides, (L,), NaN = it does not touch the ground; slipping: `sliding` > 0.5, (L,); standing: True = the robot is at
+    rest; nis: normalised innovation squared, 3 degrees of freedom; excess: factor of the inertial noise; expressed,
+    (5, 3): velocity of base_link in its own axes, then in heading axes, m/s, turn rate, rad/s, and g, m/s^2, in
+    base_link axes, (roll, pitch, 0), rad; flags: inputs_ok, filter_ok, sensors_ok; quiet: True = nothing to report but
+    that the robot stands.
     """
 
     g: Array  # (3,) m/s^2, IMU axes, points up

@@ -151,7 +151,7 @@ class FixedNumbers(NamedTuple):
     slides: float = 0.5
     """Probability of sliding above which a foot is reported to slide."""
     outlier: float = 16.0
-    """Normalised innovation squared (3 degrees of freedom, 99.9 %) above which a sample, even of a slide, is wrong."""
+    """Normalised innovation squared above which a point counts less, the third in a row not at all; others left out."""
     learn_mistrust: float = 0.1
     """Weight of one sample in the running mean `mistrust` of a point, the fraction of outliers."""
     most_mistrust: float = 0.6

@@ -76,8 +76,8 @@ class MatchLimits(NamedTuple):
     gate: float = 9.21
     """Normalised innovation squared from which on a landmark is no match, chi^2_2(.99)."""
     look_sds: float = 2.0
-    """Largest distance of two descriptors of one landmark, in multiples of look_sd sqrt(k) for k elements; 2 sqrt(8)
-    passes 99.99 %."""
+    """Largest distance of two matching descriptors of k elements, over sqrt(k) times `SightNoise.look_sd`, the standard
+    deviation of an element; 2 passes 99.99 % of true pairs at k = 8."""
     ratio: float = 0.8
     """Largest distance to the nearest descriptor over that to the second nearest in the gate; above it a match is
     ambiguous."""

@@ -43,7 +43,7 @@ class LandmarkSighting(NamedTuple):
     y: float
     """y of the landmark, m, frame map."""
     range: float
-    """Measured distance of the landmark, m."""
+    """Measured distance of the landmark from base_link along the floor, m."""
     bearing: float
     """Measured bearing of the landmark, rad, left of the heading positive."""
     var_range: float

@@ -65,7 +65,7 @@ def _run(
         start: number of the first episode.
         state: of an episode, overwritten.
         rooms: scratch of the episode and of the decision.
-        results: written: time (s), outcome, counts, final error (m), normalised errors squared.
+        results: written, (count,) records with the fields of `RESULT`.
     """
     room, choice = rooms
     scene, status, truth, sure = model.scene[0], state.status, state.truth, np.zeros((4, 4))

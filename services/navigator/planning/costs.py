@@ -27,7 +27,7 @@ MARKS = 4
 FARTHEST_CLEARANCE = 1e3
 """Largest distance from obstacles that a configuration may require, m; a larger one is refused."""
 WIDEST = 200
-"""Largest width, in cells, of the zone of raised costs around an obstacle; more is refused as a wrong unit."""
+"""Largest `Clearance.comfort` in cells, half a cell added and rounded up; more is refused as a wrong unit."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: boo
         lasting: many routes will be planned on it, so that the preparation of a large map pays.
 
     Raises:
-        Refusal: `comfort` is more than 200 cells.
+        Refusal: `comfort` plus half a cell, rounded up, is more than `WIDEST` = 200 cells.
     """
     clearance = clearance or Clearance()
     most = math.ceil(clearance.comfort / grid.cell + 0.5)

@@ -52,10 +52,12 @@ class UnequalLegs:
 
 @kernel
 def bent(model: KinematicModel, q: Array, joints: Ints, neutral: Array, drift: float) -> Array:
-    """Return the joint angles (nj,) rad at which crooked legs have their feet: their straight walk turns by `drift`.
+    """Return the joint angles, (nj,) rad, that set the feet where crooked legs have them, by one Newton step from `q`.
+
+    A straight walk with them turns by `drift`. Joint limits are not applied.
 
     Args:
-        model: the robot, two legs of six joints.
+        model: the robot, two legs of six joints, of which one may be shared.
         q: set-points, (nj,) rad.
         joints: indices of the joints of both legs, each once, (11 or 12,).
         neutral: forward place of each foot at the neutral stance, (2,) m, base_link.

@@ -133,7 +133,7 @@ class BipedState:
     gain: Array = field(default_factory=lambda: np.ones(2))
     """Learned ratio of measured to planned distance, and of measured to planned turn, (2,), no unit."""
     learning: bool = True
-    """True if the present command lets the walker update `gain`, False if it forbids that."""
+    """True if the present command lets the walker update `gain`, the ratios of measured to planned way; False: not."""
     steps: int = 0
     reason: str = ""
     unreachable: int = 0
