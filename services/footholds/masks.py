@@ -27,17 +27,17 @@ class Reason(IntFlag):
     """Reasons why a cell is no foothold, as bits of a mask; replies use the same names."""
 
     REACH = 1
-    """Bit 1: the leg does not reach the cell with the required margin, at landing or at the end of the stroke."""
+    """Bit of value 1: the leg does not reach the cell with the required margin, at landing or at the stroke's end."""
     COLLISION = 2
-    """Bit 2: the foot sphere would wedge against an edge, or the leg would cut the ground."""
+    """Bit of value 2: the foot sphere would wedge against an edge, or the leg would cut the ground."""
     UNKNOWN = 4
-    """Bit 4: the 3 x 3 cells around the cell are not all known, or the slip model has no valid prediction."""
+    """Bit of value 4: the 3 x 3 cells around the cell are not all known, or the slip model has no valid prediction."""
     STEEP = 8
-    """Bit 8: the slope of the ground is above `Limits.slope`."""
+    """Bit of value 8: the slope of the ground is above `Limits.slope`."""
     SLIP = 16
-    """Bit 16: the predicted slip per stroke is above `Limits.slip`."""
+    """Bit of value 16: the predicted slip per stroke is above `Limits.slip`."""
     UNLEARNED = 32
-    """Bit 32: the ground coefficients of the cell lie outside what the slip model has learned."""
+    """Bit of value 32: the ground coefficients of the cell lie outside what the slip model has learned."""
 
 
 REASONS: tuple[str, ...] = tuple(str(reason.name).lower() for reason in Reason)

@@ -49,15 +49,15 @@ class Elevation(NamedTuple):
     """Layers of an elevation map, (n, n) each, row along y: heights, their variances, and drift when last seen."""
 
     height: Array
-    """Height of the ground in each cell, frame of the map, m; NaN = not seen."""
+    """Height of the ground in each cell, (n, n) m, frame of the map; NaN = not seen."""
     variance: Array
-    """Variance of each height by errors that are independent between its measurements, m^2."""
+    """Variance of each height by errors that are independent between its measurements, (n, n) m^2."""
     drift_z: Array
-    """Growth of the odometry's variance of z, since its beginning, when each cell was seen last, m^2."""
+    """Growth of the odometry's variance of z, since its beginning, when each cell was seen last, (n, n) m^2."""
     drift_xy: Array
-    """Growth of the odometry's variances of x and y, since its beginning, when each cell was seen last, m^2."""
+    """Growth of the odometry's variance of x or y, since its beginning, when each cell was seen last, (n, n) m^2."""
     drift_yaw: Array
-    """Growth of the odometry's variance of yaw, since its beginning, when each cell was seen last, rad^2."""
+    """Growth of the odometry's variance of yaw, since its beginning, when each cell was seen last, (n, n) rad^2."""
 
 
 class Grid(NamedTuple):
@@ -86,11 +86,11 @@ class GroundMeans(NamedTuple):
     """Means of the points of one image in each cell of a map, (n, n) each, NaN = none."""
 
     height: Array
-    """Mean height of the points in each cell, m."""
+    """Mean height of the points in each cell, (n, n) m, frame of the map; NaN = no point."""
     variance: Array
-    """Variance of each mean height, m^2: of the noise of its points and of how far they lie apart."""
+    """Variance of each mean height, (n, n) m^2: of the noise of its points and of how far they lie apart."""
     common: Array
-    """Standard deviation of each mean height by the error of tilt that all points of the image share, m."""
+    """Standard deviation of each mean height by the error of tilt that all points of the image share, (n, n) m."""
 
 
 def empty(n: int) -> Elevation:

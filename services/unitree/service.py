@@ -18,7 +18,7 @@ MS = 1_000_000
 WRAP = 2**32
 """Number of milliseconds after which the robot's counter `tick` restarts at 0: 49.7 days."""
 MOST = 64
-"""Largest number of received messages that wait to be read."""
+"""Largest number of received messages that wait to be read; beyond it the oldest are dropped."""
 MOTORS = 20
 """Number of motors in a LowState message; a quadruped has twelve."""
 LEGS = ("fr", "fl", "rr", "rl")

@@ -14,7 +14,7 @@ from .opencv import opencv
 Kind = Literal["orb", "sift"]
 
 MOST_COMPARED = 100_000
-"""Largest number of features of a picture or a map."""
+"""Largest number of features of a picture or a map; more are refused."""
 
 
 class FoundFeatures(NamedTuple):

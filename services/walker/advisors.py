@@ -36,7 +36,7 @@ class Advisors:
 
     Args:
         robot: the robot.
-        call: sends a request.
+        call: function that sends a request to another service and returns the reply.
         footholds: False = every foot lands on its nominal foothold.
         stability: False = the hull of the standing feet decides.
     """

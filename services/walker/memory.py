@@ -64,7 +64,7 @@ class MemoryFile(RunMemory):
     """File that stores the command under way.
 
     Args:
-        path: None = nothing is kept.
+        path: path of the file; None = nothing is stored.
     """
 
     def __init__(self, path: str | None) -> None:

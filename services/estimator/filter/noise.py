@@ -320,7 +320,7 @@ class FixedNumbers(NamedTuple):
     moving_tilt: float = 0.52
     """Standard deviation of the tilt with which a robot in motion starts, rad: 30 deg."""
     contradiction: float = 4.0
-    """Standard deviations above which the accelerometer at rest contradicts the stated slope, or the estimated tilt."""
+    """Difference, in standard deviations, above which the rest's accelerometer contradicts stated slope or tilt."""
     plane_point: float = 5e-4
     """Standard deviation of a foot of an assembled robot from its position in the model, m."""
     tilted: float = 0.7

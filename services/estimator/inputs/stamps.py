@@ -32,7 +32,7 @@ MOVES = 0.002
 EVEN = 1.4
 """Largest difference of the motion before and after a gap, as a fraction of its mean: no foot stopped in the gap."""
 FITS = 0.05
-"""Squared error of the feet having moved one usual step in a gap over that of all of it, below which it is one step."""
+"""Squared misfit of feet that moved one usual step in a gap over that of the whole gap, below which it is one step."""
 LONGEST_NS = 150_000_000
 """Longest gap in which stepped stamps are sought, ns: feet of a walk are where they were one step later."""
 LEAST_LATE = 0.4

@@ -17,7 +17,7 @@ from ..select import landing_weights
 from .samples import SampleSet, StanceSample, gather
 
 FLAT = 0.05
-"""K2 / (8 cell), no unit, below which ground counts as flat."""
+"""Roughness K2 over 8 edges of a map cell, no unit, below which ground counts as flat."""
 LEAST = 0.003
 """Least slip of a stance per stroke, no unit: contacts creep on flat ground, too. 99 % of 3363 stances (seeds 1100 to
 1107) slid more."""

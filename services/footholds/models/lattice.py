@@ -17,11 +17,11 @@ from surefoot.errors import InvalidField
 Key = tuple[int, int, int]
 
 UNIT = 1e-9
-"""Unit of the integer sums of slips per stroke; sums of squares are in units of its square."""
+"""Unit of the integer sums of slips per stroke (no unit); sums of their squares are in units of 1e-18."""
 FLAT = 1e-6
-"""Value of K2 / (8 cell), no unit, below which ground is flat: K1 / K2 is set to 0 there."""
+"""Roughness K2 over 8 cell edges, no unit, below which ground is flat: convexity K1 over K2 is set to 0."""
 ROUGHEST = 4.0
-"""Largest K2 / (8 cell) of a sample, no unit; larger values, as at a cliff, are clipped to it."""
+"""Largest roughness K2 over 8 cell edges of a sample, no unit; larger values, as at a cliff, are clipped to it."""
 LARGEST = 20.0
 """Largest slip of a sample, in strokes; a sample above it is rejected: the foot was carried, not placed."""
 

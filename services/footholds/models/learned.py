@@ -29,7 +29,7 @@ ROUNDS = "rounds"
 HALF_SUPPORT = 10.0
 """Number n of samples near a point at which its support n / (n + 10) is one half."""
 KNOTS = (0.0, 0.1, 0.2, 0.3, 0.5)
-"""Values of K2 / (8 cell), no unit, at which the slope of the simple rule of slip may change."""
+"""Values of roughness K2 over 8 cell edges, no unit, at which the slope of the simple rule of slip may change."""
 BROAD = 10
 """Weight, in samples, of the variance pooled over all bins in the variance of one bin."""
 LEAST_RANGE = 1e-3

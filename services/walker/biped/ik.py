@@ -28,7 +28,7 @@ ALIGNED = 1e-9  # m and unit vectors, what counts as straight
 
 
 class LegGeometry(NamedTuple):
-    """Both legs, left first, as contiguous arrays for kernels."""
+    """Geometry of a biped's two legs, left first, as contiguous arrays for kernels; limits of the nj joints in rad."""
 
     hip: Array  # (2, 3) m, where the three hip axes meet, base_link
     yaw_axis: Array  # (2, 3) unit

@@ -17,7 +17,7 @@ MAX_AHEAD = 32
 
 
 class Footstep(NamedTuple):
-    """Planned step: swinging foot, its landing, and the body pose that belongs to it."""
+    """Planned step: swinging foot, its landing `target` and the `body` pose, (3,) each: x, y (m), yaw (rad), odom."""
 
     swing: int
     target: Array  # (3,) x, y, yaw
@@ -174,7 +174,7 @@ def together(feet: Array, body: Array, width: float, params: BipedParams) -> boo
 
 
 def apart(foot: Array, wanted: Array, params: BipedParams) -> bool:
-    """Return True if a foot is farther from its wanted pose, both x, y (m), yaw (rad), (3,), than closing limits."""
+    """Return True if a foot is over `close_m` or `close_rad` from its wanted pose, both (3,): x, y (m), yaw (rad)."""
     turn = foot[2] - wanted[2]
     return bool(
         math.hypot(foot[0] - wanted[0], foot[1] - wanted[1]) > params.close_m

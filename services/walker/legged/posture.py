@@ -49,7 +49,7 @@ def share_load(feet: Array, com_xy: Array, support: Array, weight: float) -> Arr
     Args:
         feet: foot centres, (L, 3) m, any frame with z up.
         com_xy: centre of mass in that frame, (2,) m.
-        support: how far each foot takes part, 0..1, (L,).
+        support: share with which each foot takes part in carrying the weight, 0..1, (L,).
         weight: W, N.
     """
     n = feet.shape[0]
