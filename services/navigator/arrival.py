@@ -38,9 +38,9 @@ def reach(goal: NavigationGoal, cov: Array, sure: float) -> float:
     It is 0.5 to 0.75 of the goal's tolerance.
 
     Args:
-        goal: states the tolerance.
+        goal: goal whose position tolerance counts.
         cov: covariance of x, y (m) and heading (rad) first, (n, n).
-        sure: standard deviations of the position to spare.
+        sure: number of standard deviations of the position between estimate and tolerance.
     """
     tolerance = goal.xy_tolerance
     return min(REACH[1] * tolerance, max(REACH[0] * tolerance, tolerance - sure * spread(cov)))

@@ -50,7 +50,7 @@ def way_aside(alike: tuple[Pose, ...], world: FloorLandmarks, noise: SightNoise,
     Args:
         alike: candidate poses, x, y (m) and heading (rad), frame map.
         world: landmarks.
-        noise: of the camera; that of the descriptors counts.
+        noise: noise of the camera; only its `look_sd`, of a descriptor's elements, counts.
         costs: obstacles; None = there is no map of them.
 
     Returns:

@@ -162,7 +162,7 @@ class Pilot:
             now: simulated time, s.
             gait: state of the walker.
             tracker: belief now.
-            blocked: something is too near ahead to walk.
+            blocked: True = an obstacle is too near ahead to walk.
             lost: the belief is wrong: the robot alternately stands for camera frames and turns, until it is right.
             suspected: it may be wrong: the robot stands and turns likewise, but not as often.
         """
@@ -322,7 +322,7 @@ class Pilot:
                 return distance
 
     def _arrive(self, goal: NavigationGoal, mean: Array) -> None:
-        """Turn to the wanted heading at the last waypoint, then end the goal on both feet.
+        """Turn to the wanted heading at the last waypoint, then end the goal, standing on all feet.
 
         `mean`: believed x, y (m), heading (rad) in the map first, (n,).
         """

@@ -67,8 +67,8 @@ class Search:
     """Search for the pose of a robot that has a goal: it stands for the camera, turns, walks to where poses differ.
 
     Args:
-        body: its motions, and the end of its goal.
-        conduct: times and numbers.
+        body: robot, whose motions and end of the goal the search orders.
+        conduct: times and numbers of stands, turns and walks.
         aside: finds a walk to where the candidate poses differ.
     """
 
@@ -93,7 +93,7 @@ class Search:
             now: simulated time, s.
             gait: state of the walker.
             here: believed place, x, y in m, frame map.
-            blocked: something is too near ahead to walk.
+            blocked: True = an obstacle is too near ahead to walk.
             lost: the belief is wrong.
             suspected: the belief may be wrong.
 

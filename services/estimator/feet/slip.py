@@ -39,7 +39,7 @@ LONGEST_OPEN = 5
 OPEN_WEIGHT = 0.5
 """Weight w of a foot's displacement in a sample with an open switch, no unit; with a closed switch it is 1."""
 SIGMA = 0.0005
-"""Apparent slip of a foot at rest in one stance, m, by errors of encoders (0.3 deg) and odometry; subtracted squared."""
+"""Apparent slip of a resting foot in one stance, m, by errors of encoders (0.3 deg) and odometry; subtracted."""
 LEAST = 2
 """Least number of samples with contact that make a stance; fewer may be a bump in the swing."""
 

@@ -43,7 +43,7 @@ class OtherPlaces:
 
     Args:
         world: landmarks of the map.
-        noise: of the camera.
+        noise: standard deviations of range, bearing and descriptor of the camera.
     """
 
     def __init__(self, world: FloorLandmarks, noise: SightNoise) -> None:

@@ -120,7 +120,7 @@ class Relocaliser:
 
     Args:
         world: landmarks of the map.
-        noise: of the camera of a standing robot.
+        noise: standard deviations of range, bearing and descriptor of the camera of a standing robot.
         limits: conditions for a pose; None = the defaults.
     """
 

@@ -59,9 +59,11 @@ class StrainModel:
     """
 
     small: tuple[float, float, float] = (0.01, math.radians(0.25), math.radians(0.5))
-    """Standard deviations if map and camera are right: of the elements of E (no unit), of p and q (rad), of s (rad)."""
+    """Standard deviations if map and camera are right: of each element of the map's strain, no unit, of the pitch and
+    roll of the camera, rad, and of its sideways turn, rad."""
     large: tuple[float, float, float] = (0.10, math.radians(4.0), math.radians(5.0))
-    """Standard deviations if map or camera is wrong: of the elements of E (no unit), of p and q (rad), of s (rad)."""
+    """Standard deviations if map or camera is wrong: of each element of the map's strain, no unit, of the pitch and
+    roll of the camera, rad, and of its sideways turn, rad."""
     prior: float = 0.02
     """Prior probability of each case in which map, camera or pose is wrong."""
     wrong: float = 0.05

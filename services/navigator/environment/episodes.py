@@ -58,8 +58,8 @@ def _run(
     """Simulate episodes one after the other and write their results, a record each, (count,).
 
     Args:
-        policy: decides the actions.
-        knows: it gets true pose and drift instead of the belief.
+        policy: policy that decides the actions.
+        knows: True = the policy gets true pose and drift; False: the belief.
         model: actions and scene.
         run: seed of the series of episodes.
         start: number of the first episode.

@@ -41,7 +41,7 @@ class Clearance:
     radius: float = 0.15
     """Radius of the robot, m: no route comes closer to an obstacle."""
     comfort: float = 0.35
-    """Distance from an obstacle, m, beyond which a cell costs no less."""
+    """Distance from an obstacle, m, from which on a cell has the least cost; below it, the nearer the dearer."""
     dearest: float = 4.0
     """Cost of a cell at `radius` from an obstacle over that of one at `comfort`, 1 to 4."""
     obstacle: int = 65
@@ -107,9 +107,9 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: boo
     `dearest` at the radius, 1 at `comfort`, and linearly between.
 
     Args:
-        grid: occupancy.
+        grid: occupancy of the floor.
         clearance: distances from obstacles; None = the defaults.
-        lasting: many routes will be planned on it, so that the preparation of a large map pays.
+        lasting: True = many routes will be planned, so that a large map gets marks (stored costs); False: it gets none.
 
     Raises:
         Refusal: `comfort` plus half a cell, rounded up, is more than `WIDEST` = 200 cells.

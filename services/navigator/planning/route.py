@@ -50,7 +50,7 @@ class PlannedRoute:
     cost: float
     """Cost of the path of cells, m, each step weighted by the nearness of obstacles (1 = far)."""
     clearance: float
-    """Least distance of the path's cells to an obstacle, m; at most the comfortable distance."""
+    """Least distance of the path's cells to an obstacle, m; at most `Clearance.comfort`."""
 
 
 def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> PlannedRoute:

@@ -23,7 +23,7 @@ kind: 0 stand, 1 turn, 2 walk; forward, turn, seconds: expected distance, turn, 
 probability that a landmark in view is recognised; var_*: variances of the motion, of the drift (rad per m) and of the
 heading in the filter; range_min, range_max, cos_half: sector in view; box_at, box_half: circle ahead that holds it;
 sd_*: noise of range (constant, share) and bearing; tilt_keep: share of the tilt error that the next frame has again;
-mirror: index of the action to the other side; late: frames that come after the next decision.
+mirror: index of the same action to the other side; late: frames that come after the next decision.
 """
 SCENE = named(
     "x_min x_max y_min y_max radius look_ahead",
@@ -33,10 +33,11 @@ SCENE = named(
 )
 """Fields of the scene record (floor, start, goal, noises, limits), SI units, angles in rad.
 
-Walls; radius of the robot, and distance ahead that a wall blocks; start, goal, time limit; landmarks per m^2, most used
-of a frame; drift per m: size, 1 = normally distributed, deviation that the filter expects; deviations of the start and
-of the camera's tilt; its height; largest numbers of stands and of turns in a row; reward at the goal, discount per
-action; course of the drift: 0 constant, 1 flip, 2 step, 3 ramp.
+x_min .. y_max: walls, frame map; radius: of the robot; look_ahead: distance ahead within which a wall blocks; start_*,
+goal_*: poses and goal radius; density: landmarks per m^2; most: used of a frame; drift_size, drift_known: heading drift
+per m and deviation that the filter expects; drift_normal: 1 = normally distributed, 0 = not; start_sd, start_yaw_sd,
+tilt_sd: deviations of start and camera tilt; height: of the camera; max_*: largest numbers in a row; goal_reward;
+gamma: discount per action; course of the drift: 0 constant, 1 flip, 2 step, 3 ramp.
 """
 STATUS = named("time last stands turns blocked outcome steps way")  # of an episode, or of the live navigator
 """Fields of the counters of a simulated episode or a live navigator.

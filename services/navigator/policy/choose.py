@@ -353,7 +353,7 @@ def choose(
     """Return the index of the chosen action, -1 = none is allowed; values and mask of `room` are written.
 
     Args:
-        policy: decides.
+        policy: policy whose rule or table decides.
         model: actions and scene; goal radius and limits are read.
         mean: belief, (n,): x, y in m and heading in rad, frame map, then the drift in rad per m.
         cov: its covariance, (n, n).

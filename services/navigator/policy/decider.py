@@ -67,7 +67,7 @@ class Decider:
 
     Args:
         world: the model's arrays; the action names must be the policy's.
-        policy: decides.
+        policy: policy that decides.
     """
 
     def __init__(self, world: Arrays, policy: Policy) -> None:

@@ -182,7 +182,7 @@ def plan(
         drift_max: rad per m, largest drift.
         shape: number of drifts from 0 on, of distances, of bearings: nb, nd, nphi.
         samples: number of samples of the motion noise, even.
-        tolerance: s, change of a value in a sweep that is small enough.
+        tolerance: s, largest change of a value in a sweep at which the iteration ends.
         most: largest number of sweeps.
     """
     (nb, nd, nphi), switching = shape, world.tables.switching

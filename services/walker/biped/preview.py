@@ -23,8 +23,8 @@ DOUBLINGS = 40
 class PreviewGains(NamedTuple):
     """Gains of the preview controller for one CoM height: jerk of the CoM, m/s^3, per unit of what each multiplies.
 
-    `integral` multiplies the summed ZMP error, m; `state` CoM position, velocity and acceleration, SI; `preview` the ZMP
-    references, m, of the next N ticks.
+    `integral` multiplies the summed ZMP error, m; `state` CoM position, velocity and acceleration, SI; `preview` the
+    ZMP references, m, of the next N ticks.
     """
 
     integral: float  # G_I
