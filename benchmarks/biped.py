@@ -55,7 +55,7 @@ class Setting:
     """Conditions of a run; the seed comes on top.
 
     Attributes:
-        distance: of the walk, m.
+        distance: length of the walk, m.
         turn: deg, in place of a walk.
         arc: turn over the distance, deg.
         level: of the perturbation of masses, servos and sensors.

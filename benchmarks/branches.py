@@ -61,7 +61,7 @@ class Branching:
         candidates: rules that are compared with each other, by name.
         every: a state at every n-th request; odd, or a tripod gait leaves one group of legs out.
         alone: candidates differ in one leg, drawn at random; otherwise in all legs that land.
-        seed: of the draw of the leg.
+        seed: seed of the draw of the leg.
     """
 
     rule: Rule

@@ -78,7 +78,7 @@ def rule_of(name: str, seed: int, model: str, robot: str) -> Rule | None:
     Args:
         name: learned, hand, nominal, random, min-k2:K, grid-map:K or averaged:K with K in 1/m; learned:K and hand:K
             walk with another k than their own. averaged is the hand-made score with the landing error of the model.
-        seed: of random footholds.
+        seed: seed of random footholds.
         model: file of the learned model, or shipped.
         robot: whose shipped model it is.
 
@@ -252,9 +252,9 @@ class Course:
     Attributes:
         distance: length of the walk, m.
         amplitude: height of the ground, m; default: that of the kind.
-        friction: of the ground.
+        friction: friction coefficient of the ground.
         robot: name of the robot.
-        profile: of the map, noise or exact.
+        profile: profile of the map, `noise` or `exact`.
         set: values of WalkerParams as name=number, comma-separated.
         nominal: land on nominal footholds.
     """

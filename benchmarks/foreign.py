@@ -141,7 +141,7 @@ def noise(*, logs: str = CHANGED, estimators: str = default(), data: Path = DATA
     """Print errors with wrongly stated noise, legs, contact levels and time offset over those of the unchanged log.
 
     Args:
-        logs: names of logs, comma-separated.
+        logs: names of the logs to use, comma-separated.
         estimators: `best` or `inekf`, comma-separated.
         data: folder of the files.
     """
@@ -164,7 +164,7 @@ def starts(*, logs: str = CHANGED, estimators: str = default(), count: int = 100
     """Start in mid-walk with the inertial unit in random orientations; errors count from 3 s later.
 
     Args:
-        logs: names of logs, comma-separated.
+        logs: names of the logs to use, comma-separated.
         estimators: names of estimators, comma-separated.
         count: orientations.
         data: folder of the files.
@@ -196,7 +196,7 @@ def faults(
     switch that hangs is right until the next step. A fault that alters none before the log ends is left out.
 
     Args:
-        logs: names of logs, comma-separated.
+        logs: names of the logs to use, comma-separated.
         estimators: names of estimators, comma-separated.
         times: number of moments at which each fault is planted, for each of two feet.
         first: share of the log at which these moments begin, 0 to 1; they are spread over 0.3 of the log.
@@ -278,7 +278,7 @@ def smoothed(*, logs: str = "", sets: str = "", seeds: str = "5", data: Path = D
     Args:
         logs: names of logs, comma-separated; default: all with truth.
         sets: names of sets of synthetic and recorded walks, comma-separated; default: all. Rows are means over seeds.
-        seeds: of the walks, count or first:end.
+        seeds: seeds of the walks, count or first:end.
         data: folder of the files.
     """
     names = words_of(logs) or tuple(name for name in FOREIGN if name not in CONTRADICTED)
@@ -301,7 +301,7 @@ def simulated(
     Args:
         sets: names of sets of walks, comma-separated; default: all.
         estimators: names of estimators, comma-separated.
-        seeds: of the walks, count or first:end; a walk that is not in the cache takes up to half a minute.
+        seeds: seeds of the walks, count or first:end; a walk that is not in the cache takes up to half a minute.
         tuned_: add the invariant filter tuned on other seeds, `inekf*`.
     """
     made = {f"edges{deg}": replace(WALKS["edges"], edge_deg=(deg, deg)) for deg in (0, 2, 3, 4, 8)}

@@ -39,7 +39,7 @@ def errors(name: str, log: Log, way: float, chosen: Sequence[str], to_tune: Sequ
     The integral of the gyro alone is scored, too, under the name `GYRO`.
 
     Args:
-        name: of the log.
+        name: name of the log.
         log: sensor data and reference.
         way: length over which relative errors of the position are measured, m.
         chosen: names of the estimators that are run as they are.

@@ -121,7 +121,7 @@ def files(*, count: int = 20_000, seed: int = 0, only: str = "") -> None:
 
     Args:
         count: number of inputs of all kinds together.
-        seed: of the damage.
+        seed: seed of the damage.
         only: a kind of file; default: all.
     """
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -141,7 +141,7 @@ def bodies(*, count: int = 20_000, seed: int = 0) -> None:
 
     Args:
         count: number of arrays of all kinds together.
-        seed: of the arrays.
+        seed: seed of the arrays.
     """
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     began = time.process_time()
@@ -169,7 +169,7 @@ def decisions(*, count: int = 2000, seed: int = 0) -> None:
 
     Args:
         count: files of both kinds together.
-        seed: of the changes.
+        seed: seed of the changes.
     """
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with tempfile.TemporaryDirectory() as name:
@@ -208,7 +208,7 @@ def live(*, count: int = 1_000_000, seed: int = 0, rate: float = 4000.0, laps: i
 
     Args:
         count: number of inputs.
-        seed: of the inputs.
+        seed: seed of the inputs.
         rate: inputs per s.
         laps: number of laps of the walk, 1 m and back; inputs sent after its end meet a run that has ended.
     """

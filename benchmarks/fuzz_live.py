@@ -45,7 +45,7 @@ class Fuzzer:
     Args:
         session: client of the router.
         namespace: prefix of the robot's keys.
-        seed: of the inputs.
+        seed: seed of the inputs.
     """
 
     def __init__(self, session: zenoh.Session, namespace: str, seed: int) -> None:

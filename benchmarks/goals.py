@@ -67,7 +67,7 @@ def to_goal(arm: str, world: World, seed: int, record: Path | None = None) -> Li
     Args:
         arm: name in `ARMS`: policy and action set.
         world: hard = drift, the camera of Osswald et al., commands as control; easy = see `corridor`.
-        seed: of everything random.
+        seed: seed of all random numbers.
         record: folder for the recording, None = there is none.
     """
     policy, actions = ARMS[arm]
@@ -310,7 +310,7 @@ def transfer(
     Args:
         recordings: MCAP files of other seeds than the live runs.
         live: results file of `python -m benchmarks goals`.
-        world: of the live runs.
+        world: world of the live runs.
         params: model that the fit begins with; default: that of the world.
         model: a fitted model (.toml) in place of recordings, or any other.
         episodes: per policy.

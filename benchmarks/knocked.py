@@ -24,7 +24,7 @@ def over(robot: str = "bioloid", /, *, forces: str = "30,35,40,45,50,60", seeds:
     Args:
         robot: bioloid or nao.
         forces: level forces of the push of 0.2 s, N, comma-separated; its direction turns by 63 deg per seed.
-        seeds: of the world.
+        seeds: seeds of the world.
     """
     rows: list[tuple[object, ...]] = []
     for force in numbers_of(forces):

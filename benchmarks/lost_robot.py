@@ -69,7 +69,7 @@ class Walker:
     """Simulated walker that walks, turns and stops as ordered, with drift and noise.
 
     Args:
-        rng: of its noise.
+        rng: random stream of the walker's noise.
         drift: rad per m.
     """
 
@@ -130,7 +130,7 @@ class Robot:
     """The navigator with a walker, a camera and a ranger in a corridor.
 
     Args:
-        seed: of everything random.
+        seed: seed of all random numbers.
         world: conditions.
         wrong: kind of the map, see `wrong_map`; empty = right.
         walls: the ranger sees the corridor's walls.

@@ -102,7 +102,7 @@ def errors_of(mapper: Mapper, odometry: Odometry, world: PhysicsWorld) -> CellEr
 
     Args:
         mapper: the map; it lies in the frame of the odometry.
-        odometry: where the robot believes to be.
+        odometry: believed pose of the robot.
         world: the ground, and where the robot is.
     """
     heights, variances = mapper.heights() or (np.zeros((0, 0)), np.zeros((0, 0)))

@@ -250,7 +250,7 @@ def trainings(seeds: str = "2000:2020", /, *, evaluation: str = "20000:21000", r
     four-state filter; the hand controller's entropy threshold is the best of six for its vision, on other episodes.
 
     Args:
-        seeds: of the trainings, first:end.
+        seeds: seeds of the trainings, first:end.
         evaluation: episodes, first:end.
     """
     span = seeds_of(evaluation)

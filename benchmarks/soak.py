@@ -310,7 +310,7 @@ def terminated(*, count: int = 200, seed: int = 0) -> None:
 
     Args:
         count: starts.
-        seed: of the moments.
+        seed: seed of the moments.
     """
     random, took = Random(seed), dict[str, float]()
     ends, codes, left = dict[str, list[float]](), Counter[tuple[str, int | None]](), list[str]()

@@ -64,8 +64,8 @@ class Case:
     """Fault of storage drawn by a seed, and its outcome.
 
     Attributes:
-        seed: of the case.
-        kind: of the fault.
+        seed: seed of the case.
+        kind: kind of the fault.
         tick: control tick in which it happens.
         amount: bytes that a full disk holds, or s by which the clock goes back; of other kinds unused.
         problems: what is wrong.

@@ -254,7 +254,7 @@ def landmarks(
     Osswald et al. matched 3.25 features a frame on a slowly walking Nao and far more on a standing one.
 
     Args:
-        distance: of the walk, m.
+        distance: length of the walk, m.
     """
     jobs = [{"seed": seed, "distance": distance} for seed in seeds_of(seeds)]
     lines = study(watched, jobs, results, processes=processes)

@@ -205,7 +205,7 @@ def share_interval(lines: list[Line], name: str) -> tuple[float, float]:
 
     Args:
         lines: states of walks, each with the sliding under every rule, mm.
-        name: of the selector.
+        name: name of the selector.
     """
     rng, walks = np.random.default_rng(0), sorted({line["seed"] for line in lines})
     drawn = np.array([[_drawn(line).mean(), line["arms"][name], np.nanmin(list(line["arms"].values()))]

@@ -52,7 +52,7 @@ def watch(robot: str, seed: int, out: Path, seconds: float, perturbation: float 
 
     Args:
         robot: name or folder.
-        seed: of sensors and perturbation.
+        seed: seed of sensors and perturbation.
         out: recording to write.
         seconds: length of the run.
         perturbation: level of the differences between the simulated robot and its description.

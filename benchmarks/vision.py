@@ -114,7 +114,7 @@ def walk(*recordings: str, textures: str = TEXTURES, exposures: str = "33,66,100
         recordings: MCAP files of the Nao.
         textures: names of floor textures, comma-separated.
         exposures: exposure times, ms, comma-separated.
-        seconds: of each recording, from its begin.
+        seconds: time of each recording that is used, from its begin, s.
     """
     walks = [read_motion(Path(path), seconds) for path in recordings]
     rows: list[tuple[object, ...]] = []
@@ -152,7 +152,7 @@ def pose(
         runs: floors of each texture and recording; their seeds begin at 100.
         params: model of the navigator.
         exposure: exposure time, ms.
-        seconds: of each recording, from its begin.
+        seconds: time of each recording that is used, from its begin, s.
     """
     rows: list[tuple[object, ...]] = []
     for name in words_of(textures):
@@ -273,11 +273,11 @@ def blind_run(motion: RecordedMotion, replay: WalkReplay, case: str, shown: Text
     """Return the result of a recorded walk with a case of a blind camera.
 
     Args:
-        motion: of the robot.
+        motion: motion of the robot.
         replay: map and model.
         case: key of `FAULTS`; another floor is there from the first image, other faults begin at 1.5 s.
         shown: the floor that is seen.
-        seed: of the images' noise.
+        seed: seed of the images' noise.
     """
     found = replay.run(motion, spoilt(images_of(motion, shown, seed, None, FAULTS[case]), case, 150))
     read = next((each.tick for each in found if each.seen.features), 0)  # the first image
@@ -313,11 +313,11 @@ def blind(
     Args:
         recording: MCAP file of the Nao.
         texture: name of the floor's texture.
-        floor_seed: of the floor that the map shows.
+        floor_seed: seed of the floor that the map shows.
         runs: number of seeds of each case; the case `other floor` has another floor with each.
         cases: names of cases, comma-separated; of "none" every flag is a false alarm.
         params: model of the navigator.
-        seconds: of the recording, from its begin.
+        seconds: time of the recording that is used, from its begin, s.
     """
     motion = read_motion(Path(recording), seconds)
     replay = WalkReplay(map_along(motion, texture, floor_seed), params)

@@ -32,7 +32,7 @@ def grid(out: str = "grid.npz", /, *, texture: str = "parquet", seed: int = 1, f
     Args:
         out: file.
         texture: name of the floor's texture.
-        seed: of the texture.
+        seed: seed of the texture.
         features: kind of image features, orb or sift.
     """
     camera = still_camera(floor(texture, seed), 0.01)

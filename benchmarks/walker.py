@@ -71,10 +71,10 @@ class Loop:
     """World, estimator and walker of a robot, with the one-tick actuation delay of bus servos.
 
     Args:
-        seed: of everything random.
+        seed: seed of all random numbers.
         level: of the perturbation of masses, servos and sensors.
-        name: of the robot.
-        drift: of the world, rad/m.
+        name: name of the robot.
+        drift: turn of the robot's straight walk, rad/m.
     """
 
     def __init__(self, seed: int, level: float = 1.0, name: str = "nao", drift: float = 0.0) -> None:
@@ -156,7 +156,7 @@ def orders(
     from there at every moment.
 
     Args:
-        level: of the perturbation.
+        level: level of the perturbation, no unit; 0 = none.
         ticks: ticks before the landing, comma-separated.
         pairs: command under way and command that comes, as left:right,walk:stop.
     """
@@ -300,8 +300,8 @@ def actions(
     base_link at the landing of an action's last step.
 
     Args:
-        level: of the perturbation.
-        drift: of the world, deg per 10 cm.
+        level: level of the perturbation, no unit; 0 = none.
+        drift: turn of the robot's straight walk, deg per 10 cm.
         actions: names of actions, comma-separated; each in a chain of its own.
         count: actions of a chain.
         mixed: all actions in one chain, in random order.

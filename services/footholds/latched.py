@@ -16,7 +16,7 @@ class LatchedGround:
 
     Args:
         key: topic that the maps come on, which a refusal names.
-        foot_radius: of the robot, m.
+        foot_radius: radius of the robot's foot spheres, m.
         smooth: 3 x 3 median over the heights.
         unsure: deviation of a height, m, above which a cell of a map with variances counts as unknown.
 

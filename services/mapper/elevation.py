@@ -129,11 +129,11 @@ def lay(
     """Set the unseen cells near the middle of a map to the heights of a plane: `layers` are changed.
 
     Args:
-        layers: of the map, (n, n) each.
+        layers: layers of the map, (n, n) each.
         grid: place of the cells.
         plane: height over (0, 0), m, and its slopes along x and y, no unit.
         half: half edges of the rectangle along x and y that is set, (2,) m.
-        variance: of the heights of the plane, m^2.
+        variance: variance of the heights of the plane, m^2.
         drift: of the odometry now: growth of its variances since its beginning.
     """
     n, c = layers.height.shape[0], grid.cell
@@ -240,7 +240,7 @@ def variances(layers: Elevation, grid: Grid, drift: OdometryDrift, robot: tuple[
     """Return the variance of each height relative to the robot now, (n, n) m^2, NaN = not seen.
 
     Args:
-        layers: of the map, (n, n) each.
+        layers: layers of the map, (n, n) each.
         grid: place of the cells.
         drift: of the odometry now: growth of its variances since its beginning.
         robot: x, y, m, frame of the map, and variance of its tilt about a level axis, rad^2.

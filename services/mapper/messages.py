@@ -35,8 +35,8 @@ def standing_points(robot: Robot, pose: MapPose, joints: JointState, contacts: F
     """Return the ground points under the feet with a pressed switch, (n, 3) m, frame of `pose`.
 
     Args:
-        robot: gives legs and foot radius.
-        pose: of base_link.
+        robot: robot, whose legs and foot radius are read.
+        pose: pose of base_link.
         joints: angles of the joints.
         contacts: switches of the feet.
     """

@@ -92,7 +92,7 @@ class PhysicsWorld:
     Args:
         robot: the description; read only.
         terrain: the ground.
-        seed: of all sensors and faults.
+        seed: seed of all sensors and faults.
         config: other settings: physics, sensors, landmarks, start; None = the defaults.
     """
 

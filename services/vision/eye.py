@@ -111,9 +111,9 @@ class Eye:
         """Return the landmarks recognised in an image; faults are flags, not errors.
 
         Args:
-            image: of the camera.
+            image: image of the camera.
             base: roll, pitch and height of base_link at its exposure.
-            belief: of the pose then; None = lost.
+            belief: believed pose at the image; None = lost.
         """
         try:
             found, flags = self.features(image, base)
@@ -165,9 +165,9 @@ class Eye:
         """Return the flag `half_blind` if half of the image shows nothing where the map has features, else none.
 
         Args:
-            image: of the camera.
+            image: image of the camera.
             base: roll, pitch and height of base_link.
-            belief: of the pose; None = lost.
+            belief: believed pose; None = lost.
             places: of the features found in the image, forward and left of base_link, (n, 2) m.
         """
         if self.world is None or belief is None:

@@ -211,9 +211,9 @@ def _step(feet: FootWays, leg: int, contact: bool, centre: Array, rot: Array, ra
         feet: path of each foot over its stance; changed.
         leg: index of the foot.
         contact: True = its switch is closed.
-        centre: its centre in `odom`, (3,) m.
+        centre: centre of the foot in `odom`, (3,) m.
         rot: rot_odom_from_foot, (3, 3).
-        radius: of its sphere, m; 0 = a sole.
+        radius: radius of the foot sphere, m; 0 = a sole.
     """
     phi = rotvec_from_matrix(times_transposed(rot, feet.rot[leg]))
     now, before = 1.0 if contact else OPEN_WEIGHT, 1.0 if feet.open[leg] == 0 else OPEN_WEIGHT

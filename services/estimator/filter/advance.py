@@ -41,7 +41,7 @@ def stand_on_level(state: BestState, ground: float, radius: Array, sd: float) ->
     of one foot.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         ground: height of the ground in odom, m.
         radius: radius of the foot sphere of each point, (K,) m; 0 for soles.
         sd: standard deviation of the height of a point per sample, m.
@@ -182,7 +182,7 @@ def _repeats(state: BestState, y: Array, contact: Array, closed: NDArray[np.int6
     error many times.
 
     Args:
-        state: of the filter.
+        state: state of the filter.
         y: contact points from the IMU, IMU axes, (K, 3) m.
         contact: probability that each touches the ground, (K,), NaN = unknown.
         closed: closed switches of each foot, (L,), bit s for switch s.

@@ -68,7 +68,7 @@ def _bend(samples: SampleStore, row: int, f: int) -> float:
 
     Args:
         samples: stored samples, filled rows only.
-        row: of the feet, the last of the four.
+        row: index of the sample of the feet, the last of the four.
         f: index of the foot.
     """
     stamps, now = samples.imu_stamps, samples.feet_stamps[row - 3]
@@ -104,7 +104,7 @@ def jumped(samples: SampleStore, row: int, f: int, point: int, leap: float) -> f
 
     Args:
         samples: stored samples, filled rows only.
-        row: of the feet.
+        row: index of the sample of the feet.
         f: index of the foot.
         point: index of one of its contact points.
         leap: distance by which the foot usually jumps as its switch changes, m. If that is far, only the step of the
@@ -147,7 +147,7 @@ def learn_repeats(sensors: Array, samples: SampleStore, row: int, contact: Array
     Args:
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`; changed.
         samples: stored samples, filled rows only.
-        row: of the feet, 1 at least.
+        row: index of the sample of the feet, 1 at least.
         contact: probability that each foot touches the ground, (L,).
         turn: rate of the IMU without its bias, rad/s.
         beside: difference of the rate of the IMU from its mean of the last second, rad/s.

@@ -205,7 +205,7 @@ def _take_part(
     """Correct the state, or each hypothesis, with a part of a sample, in place; return False if it was left out.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         part: `POSITION` = 0, `YAW` = 1 or `VELOCITY` = 2.
         row: the sample, (26,) as in `ExternalLayout`.
         w: gyro since the sample, IMU axes, (3,) rad/s.
@@ -235,7 +235,7 @@ def _take_one(state: BestState, row: Array, w: Array, q: Array, age: float, rot_
     """Correct with all parts of one sample of another source, in place, and count what was left out.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         row: the sample, (26,) as in `ExternalLayout`; NaN: not in the sample.
         w: gyro since the sample, IMU axes, (3,) rad/s.
         q: accelerometer since the sample, IMU axes, (3,) m/s^2.

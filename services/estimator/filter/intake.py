@@ -85,7 +85,7 @@ def _steps_back(parts: FilterParts, stamp_ns: int, w: Array, q: Array) -> int:
     a different sample has its stamp.
 
     Args:
-        parts: of the filter.
+        parts: parts of the filter.
         stamp_ns: stamp of the sample, ns.
         w: gyro, IMU axes, (3,) rad/s.
         q: accelerometer, IMU axes, (3,) m/s^2.

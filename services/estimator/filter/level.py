@@ -54,7 +54,7 @@ def _height(state: BestState, geometry: BestGeometry, f: int, by: Array) -> tupl
     """Return the height in odom, m, of the ground under foot f, and its variance, m^2, 0 if the foot does not stand.
 
     Args:
-        state: of the filter.
+        state: state of the filter.
         geometry: contact points on the feet.
         f: index of the foot.
         by: (n,), overwritten by the covariances of that height with the errors of the state, order of `ErrorLayout`.
@@ -77,7 +77,7 @@ def _along(state: BestState, foot: Feet, f: int, by: Array) -> float:
     """Return the covariance of some quantity with the height of the ground under foot f.
 
     Args:
-        state: of the filter.
+        state: state of the filter.
         foot: index of the foot of each contact point, (K,).
         f: index of the foot.
         by: covariances of the quantity with the errors of the state, (n,), order of `ErrorLayout`.

@@ -200,7 +200,7 @@ def _learn_jump(own: Array, samples: SampleStore, row: int, point: int) -> None:
     Args:
         own: numbers of the sensors of the foot, (38,), columns as in `SensorLayout`; changed.
         samples: stored samples, filled rows only.
-        row: of the feet.
+        row: index of the sample of the feet.
         point: a contact point whose switch, in the samples, is that of the foot.
     """
     way, leap = jumped(samples, row, int(own[S.source]), point, own[S.leap]), own[S.leap]
@@ -240,7 +240,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
     Args:
         state: of the filter at the time of the row; numbers of its sensors and memory are changed.
         samples: stored samples, filled rows only.
-        row: of the feet.
+        row: index of the sample of the feet.
         foot: index of the foot of each contact point, (K,).
         settled: True if the attitude is known, so that switches can be checked.
     """
@@ -294,7 +294,7 @@ def believed(state: BestState, samples: SampleStore, row: int, foot: Feet) -> Ar
     Args:
         state: of the filter; the mistrust in each point, 0 to 1, from which this follows, is changed.
         samples: stored samples.
-        row: of the feet.
+        row: index of the sample of the feet.
         foot: index of the foot of each point, (K,).
     """
     contact, at = rewired(samples.contact[row], state.sensors, foot), likeliest(state)

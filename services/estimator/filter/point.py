@@ -215,7 +215,7 @@ def _mix(state: BestState, row: int, z: Array, inverse_0: Array, inverse_1: Arra
     """Apply the mean of the corrections of two hypotheses, the point stays (0) or slides (1), in place.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         row: first row of the point in the error.
         z: innovation of its place, seen minus estimated, odom axes, (3,) m.
         inverse_0: inverse covariance of z if the point stays, (3, 3) 1/m^2.

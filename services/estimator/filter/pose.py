@@ -56,7 +56,7 @@ def pose_covariance(state: BestState, arm: Array) -> Array:
     of the attitude.
 
     Args:
-        state: of the filter.
+        state: state of the filter.
         arm: lever a, from base_link to the IMU, odom axes, (3,) m.
     """
     by, block, m = np.zeros((6, 6)), np.empty((6, 6)), state.memory

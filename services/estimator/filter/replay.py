@@ -101,7 +101,7 @@ def note_sample(replay: Replay, source: int, end: int, stamp_ns: int) -> None:
     """Note in `replay` that a sample was inserted, in place; one before the state makes a replay due.
 
     Args:
-        replay: of the filter; changed.
+        replay: memory of the filter for replays; changed.
         source: `IMU_END`, `FEET_END` or `EXTERNAL_END`.
         end: number of samples of that source now.
         stamp_ns: stamp of the sample, ns.
@@ -118,7 +118,7 @@ def bring_up(replay: Replay, state: BestState, setting: BestSetting) -> None:
 
     Args:
         replay: stored samples and snapshots; changed.
-        state: of the filter; changed.
+        state: state of the filter; changed.
         setting: geometry, noises and limits of the filter.
     """
     marks, samples = replay.marks, replay.samples

@@ -20,7 +20,7 @@ def learn_gyro_bias(state: BestState, w: Array, count: int, noise: BestNoise, li
     smaller.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         w: mean of the gyro samples, IMU axes, (3,) rad/s.
         count: number of the samples.
         noise: noises and rates of the filter.
@@ -58,7 +58,7 @@ def learn_end_of_rest(state: BestState, rows: Array, at: int, noise: BestNoise, 
     window are still unused; those of its last fifth may belong to the first motion and are left out.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         rows: gyro rad/s (3) and accelerometer m/s^2 (3) of each sample, IMU axes, (n, 6).
         at: row after the rest.
         noise: noises and rates of the filter.

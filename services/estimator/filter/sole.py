@@ -67,7 +67,7 @@ def _turn_sole(state: BestState, geometry: BestGeometry, f: int, pivot: Array, a
         f: index of the foot.
         pivot: a place on the axis, from the foot's centre, foot axes, (3,) m.
         axis: unit vector of the axis, odom axes, (3,).
-        variance: of the turn, rad^2.
+        variance: variance of the turn, rad^2.
     """
     cov, points, foot = state.cov, state.points, geometry.foot
     way = np.zeros((foot.size, 3))

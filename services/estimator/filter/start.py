@@ -100,7 +100,7 @@ def _begin(state: BestState, rot: Array, samples: SampleStore, foot: int, settin
     """Set attitude and position, everything else to zero, with the covariance of a stated pose, in place.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         rot: rot_odom_from_imu, (3, 3).
         samples: stored samples.
         foot: the row of the feet that shows the height over the ground; -1: none.
@@ -303,7 +303,7 @@ def start_moving(state: BestState, samples: SampleStore, at: int, foot: int, set
     """Start from one sample: vertical by the accelerometer (30 deg standard deviation), unknown speed, in place.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         samples: stored samples.
         at: the inertial row.
         foot: the row of the feet.

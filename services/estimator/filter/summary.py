@@ -116,7 +116,7 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
     """Return the estimate of a state as arrays: vectors, quaternion with probabilities of sliding, two covariances.
 
     Args:
-        state: of the filter.
+        state: state of the filter.
         geometry: contact points on the feet, and mounting of the IMU.
         w: gyro, IMU axes, (3,) rad/s.
         feet: number of feet L.

@@ -61,7 +61,7 @@ def _turn_by_change(state: BestState, setting: BestSetting, ahead: float, side: 
     one that stands, and its tilt by the gyro is right.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         setting: geometry, noises and limits of the filter.
         ahead: change of the velocity by the inertial unit along x of odom, m/s.
         side: along y of odom, m/s.
@@ -86,7 +86,7 @@ def check_rest(state: BestState, rows: Array, setting: BestSetting) -> None:
     bias of the accelerometer is not subtracted: it may contain the error of the tilt.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         rows: samples of the rest, gyro rad/s (3) and accelerometer m/s^2 (3), IMU axes, (n, 6).
         setting: geometry, noises and limits of the filter.
     """

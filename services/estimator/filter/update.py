@@ -251,7 +251,7 @@ def _observe_points(
     The mean normalised innovation squared follows those of the points in `surprise_s`, each `most_surprise` at most.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         y: places of the points from the IMU, IMU axes, (K, 3) m.
         contact: probability that each touches the ground, (K,).
         dt: time since the last sample, s.
@@ -279,7 +279,7 @@ def _put_down_points(state: BestState, y: Array, contact: Array, unfit: bool, no
     Where no point fits for several samples, the velocity is wrong rather than the feet, and is forgotten.
 
     Args:
-        state: of the filter; changed.
+        state: state of the filter; changed.
         y: places of the points from the IMU, IMU axes, (K, 3) m.
         contact: probability that each touches the ground, (K,).
         unfit: True if no standing point fitted this sample.

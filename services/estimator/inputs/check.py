@@ -162,7 +162,7 @@ def count_result(check: CheckState, source: int, code: int, stamp_ns: int) -> in
         check: what the check of inputs remembers; changed.
         source: 0 = inertial unit, 1 = joints or feet.
         code: index of the result in `RESULTS`, the tuple of all `InputResult`.
-        stamp_ns: of the sample, ns.
+        stamp_ns: stamp of the sample, ns.
     """
     marks = check.marks
     check.counts[source, code] += 1
@@ -242,7 +242,7 @@ def check_imu(check: CheckState, limits: CheckLimits, stamp_ns: int, w: Array, q
     Args:
         check: what the check of inputs remembers; changed.
         limits: limits from which an input is refused.
-        stamp_ns: of the sample, ns.
+        stamp_ns: stamp of the sample, ns.
         w: gyro, IMU axes, (3,) rad/s.
         q: accelerometer, IMU axes, (3,) m/s^2.
     """

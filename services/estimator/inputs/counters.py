@@ -56,7 +56,7 @@ class InputCheck:
         Args:
             source: of the sample, `imu` or `kinematics` (joints or feet).
             result: of its check.
-            stamp_ns: of the sample, ns.
+            stamp_ns: stamp of the sample, ns.
         """
         count_result(self.state, SOURCES.index(source), RESULTS.index(result), bounded(stamp_ns))
         return result

@@ -248,7 +248,7 @@ def plane_normal(points: Array, used: Flags, g: Array) -> Array | None:
     """Return the unit normal (3,) of the plane through the used points, on the side of g; None: they span no plane.
 
     Args:
-        points: of the L feet, (L, 3) m, IMU axes.
+        points: positions of the L feet, (L, 3) m, IMU axes.
         used: points to take, (L,) bool.
         g: specific force at rest, (3,) m/s^2, IMU axes.
     """

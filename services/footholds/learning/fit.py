@@ -185,7 +185,7 @@ def built(
         ranges: smallest and largest K1 / (8 cell), K2 / (8 cell), cos K3 of the samples.
         candidate: settings of the fit.
         figures: of the cross-validation, by name, kept with the model.
-        sources: of the samples, one line each.
+        sources: sources of the samples, one line each.
     """
     return LearnedModel(
         title=options.title,

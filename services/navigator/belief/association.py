@@ -123,7 +123,7 @@ def match(
         world: landmarks of the map.
         noise: standard deviations of range, bearing and descriptor of a detection.
         limits: of gate, likeness, range, spread, pairs and matches.
-        seed: of the random pairs of matches from which rigid motions are tried.
+        seed: seed of the random pairs of matches from which rigid motions are tried.
 
     Returns:
         Fates of all detections, and indices of the matched ones, (k,), those first that look most like their landmark.

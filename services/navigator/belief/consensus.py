@@ -189,7 +189,7 @@ def _best_motion(
         found: k matches: places of landmarks and rays to them.
         noise: standard deviations of range and bearing of a detection.
         limits: largest residual (gate) and number of pairs that are tried.
-        seed: of the pairs that are tried.
+        seed: seed of the pairs that are tried.
     """
     k = found.places.shape[0]
     pairs, most, gate = k * (k - 1) // 2, limits.pairs, limits.gate
@@ -236,7 +236,7 @@ def consensus(mean: Array, cov: Array, found: Matched, noise: SightNoise, limits
         found: k matches.
         noise: standard deviations of range and bearing of a detection.
         limits: of gate, spread and pairs.
-        seed: of the random pairs.
+        seed: seed of the random pairs.
     """
     inlier = np.ones(found.places.shape[0], dtype=np.bool_)
     if inlier.size < 2:

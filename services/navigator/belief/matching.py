@@ -94,7 +94,7 @@ def match(
         world: landmarks.
         noise: standard deviations of range, bearing and descriptor.
         limits: None = the defaults of `MatchLimits`.
-        seed: of the random pairs, which are drawn where there are more than `limits.pairs`.
+        seed: seed of the random pairs, which are drawn where there are more than `limits.pairs`.
 
     Raises:
         DetectionError: descriptors of another length than the map's.

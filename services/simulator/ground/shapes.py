@@ -201,7 +201,7 @@ def walls(outline: Outline, height: float) -> tuple[TerrainBox, ...]:
 
     Args:
         outline: corners of the floor, counter-clockwise, (x, y) m, map; its edges run along x and y.
-        height: of the walls, m.
+        height: height of the walls, m.
     """
     boxes: list[TerrainBox] = []
     for k in range(len(outline)):

@@ -104,7 +104,7 @@ def make_terrain(
 
     Args:
         kind: one of `KINDS`.
-        seed: of the random kinds.
+        seed: seed of the random kinds.
         amp: scale, m: hills highest hill, rough and flagstones height from peak to peak, steps riser, primitive
             height, demo highest hill (noise and risers grow with it), mixed and elevation highest point, slope rise per
             metre. None = the kind's own.
@@ -180,7 +180,7 @@ def observed_map(terrain: Terrain, profile: str, seed: int) -> HeightMap:
     Args:
         terrain: the true ground.
         profile: `exact`; `noise`: 3 mm per cell and unknown cells; `shifted`: the whole map displaced.
-        seed: of noise and shift.
+        seed: seed of noise and shift.
 
     Raises:
         TerrainError: unknown profile.

@@ -169,7 +169,7 @@ class Disturbances:
 
         Args:
             tick: now.
-            samples: of intact sensors.
+            samples: samples of intact sensors.
             limit: range of the inertial unit, (6,): accelerometer m/s^2, gyro rad/s; not changed.
         """
         bank = self.faults

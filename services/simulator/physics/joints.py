@@ -53,9 +53,9 @@ def add_joint(
 
     Args:
         spec: model, changed.
-        body: that the joint turns, changed.
+        body: body that the joint turns, changed.
         robot: the description.
-        index: of the joint in the description.
+        index: index of the joint in the description.
         kp: position gain, Nm/rad.
         kv: velocity gain, Nm s/rad.
         torque: largest torque of every servo, (nj,) Nm.

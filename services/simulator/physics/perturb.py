@@ -30,7 +30,7 @@ def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
 
     Args:
         name: kind of a generated terrain, or path of a height map with a known suffix.
-        seed: of a generated terrain.
+        seed: seed of a generated terrain.
         amplitude: of a generated terrain's relief, m; None = that of the kind.
 
     Raises:
@@ -53,7 +53,7 @@ def perturbation(level: float, seed: int, nj: int, kind: str = "hexapod") -> Per
 
     Args:
         level: factor on all differences, >= 0; 0 = as described.
-        seed: of the draws.
+        seed: seed of the draws.
         nj: number of joints.
         kind: of the robot; a biped also gets servo zero errors and a floor that is not level.
     """

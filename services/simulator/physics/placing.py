@@ -35,7 +35,7 @@ def place(
 
     Args:
         model: the compiled world.
-        data: its state, changed here.
+        data: state of MuJoCo's physics, changed here.
         address: indices of the robot in it.
         spheres: geoms of the feet, (P,).
         terrain: the ground.
@@ -122,7 +122,7 @@ def displacement(
 
     Args:
         model: the compiled world.
-        data: its state at the end of a tick.
+        data: state of MuJoCo's physics at the end of a tick.
         address: indices of the robot in it.
         spheres: geoms of the feet, (P,).
         terrain: the ground.

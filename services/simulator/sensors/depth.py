@@ -65,8 +65,8 @@ class DepthSensor:
     """Sensor model of a depth camera, with the random stream of one run.
 
     Args:
-        camera: its numbers and rays.
-        seed: of the run.
+        camera: numbers and rays of the camera.
+        seed: seed of the run.
     """
 
     def __init__(self, camera: DepthCamera, seed: int) -> None:
@@ -80,7 +80,7 @@ class DepthSensor:
         Args:
             ticks: control ticks since the run began.
             model: MuJoCo model of the world.
-            data: its state.
+            data: state of MuJoCo's physics.
             trunk: id of the body of base_link.
         """
         if ticks % self._every:

@@ -160,7 +160,7 @@ def paint(terrain: Terrain, name: str, width: float, light: float, seed: int) ->
         name: of a procedural texture (random, carpet, tiles, parquet, laminate), or path of a picture.
         width: of a picture on the floor, m.
         light: brightness, 1 = as usual.
-        seed: of a procedural texture.
+        seed: seed of a procedural texture.
 
     Raises:
         TerrainError: no such texture, or the ground is no plane.

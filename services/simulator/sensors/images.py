@@ -185,7 +185,7 @@ class ImageSensor:
     Args:
         optics: properties of the camera.
         texture: picture of the floor.
-        seed: of the run.
+        seed: seed of the run.
         form: format of the images.
     """
 

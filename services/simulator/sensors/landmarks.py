@@ -146,7 +146,7 @@ def laid(field: Landmarks, terrain: Terrain, seed: int, copied: float, copies: i
     Args:
         field: landmarks, those in or behind walls as well.
         terrain: the ground.
-        seed: of the choice of those that look alike.
+        seed: seed of the choice of those that look alike.
         copied: share of the landmarks whose descriptor is that of others, 0..1.
         copies: number of landmarks that share one such descriptor.
     """
@@ -175,9 +175,9 @@ def camera_pose(robot: Robot, camera: Camera, position: Array, quat_wxyz: Array,
     """Return the pose of a camera of a robot in the map.
 
     Args:
-        robot: that carries the camera.
-        camera: its link, place and pitch.
-        position: of base_link, (3,) m, map.
+        robot: robot that carries the camera.
+        camera: camera, whose link, place and pitch are read.
+        position: position of base_link, (3,) m, map.
         quat_wxyz: rotation from base_link to map, (4,).
         joints: joint angles, (nj,) rad.
 
@@ -231,7 +231,7 @@ def on_level_floor(pose: CameraPose, local: Array, height: float) -> tuple[float
     Args:
         pose: of the camera; its place and direction in base_link count.
         local: (3,) the point in camera axes, m; its direction counts.
-        height: of base_link over the floor, m.
+        height: height of base_link over the floor, m.
 
     Returns:
         inf, inf for a direction that does not meet the floor.
@@ -251,7 +251,7 @@ class LandmarkSensor:
         robot: robot that carries the camera.
         camera: profile of the camera.
         field: landmarks on the floor.
-        seed: of the run.
+        seed: seed of the run.
         goal: x, y of the marker of the goal on the floor, m, map; None = none.
     """
 

@@ -58,7 +58,7 @@ class ImuSensor:
 
     Args:
         profile: numbers of the sensor; None = ideal: y = x.
-        seed: of the run.
+        seed: seed of the run.
         rate_hz: samples per second; sigma of n = density sqrt(rate / 2).
     """
 

@@ -68,7 +68,7 @@ def sight_of(
 
     Args:
         robot: description, which names the robot's camera and ranger.
-        seed: of the run.
+        seed: seed of the run.
         floor: landmarks and marker on it.
         terrain: the ground.
         camera: name of a profile; None = the robot's own.
@@ -88,7 +88,7 @@ class Senses:
 
     Args:
         robot: description, which names the robot's camera, its ranger, or both.
-        seed: of the run: where the landmarks are, what is recognised, noise.
+        seed: seed of the run: where the landmarks are, what is recognised, noise.
         floor: landmarks, marker and texture on the floor.
         terrain: the ground: landmarks lie on its floor, on open ground as far as its map reaches, 10 x 10 m at least.
         camera: name of a profile; None = no camera.
@@ -143,7 +143,7 @@ class Senses:
             ticks: control ticks since the run began.
             truth: function that returns the exact state.
             model: MuJoCo model of the world.
-            data: its state.
+            data: state of MuJoCo's physics.
             address: indices of the robot in it.
         """
         self.frame = self.reach = self.image = None

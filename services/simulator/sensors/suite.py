@@ -21,8 +21,8 @@ class SensorSuite:
     Args:
         robot: the description; read only.
         profile: of the inertial unit, or its name; None = the robot's own; "ideal" = exact.
-        rate_hz: of the inertial samples, Hz.
-        seed: of all sensors.
+        rate_hz: rate of the inertial samples, Hz.
+        seed: seed of all sensors.
         torque_per_ampere: true constant of the servo motors, Nm/A; None = as described.
         zero_sigma: standard deviation of each servo's zero beyond the encoder's own, rad.
 
@@ -65,7 +65,7 @@ class SensorSuite:
             stamp_ns: now, ns of simulated time.
             seq: number of the sample.
             q: true joint angles, (nj,), rad.
-            torque: of the servos, (nj,), Nm.
+            torque: torques of the servos, (nj,) Nm.
             sphere_force: normal force on each contact sphere of the feet, (P,) N.
         """
         touch, force = self._feet.measure(sphere_force)

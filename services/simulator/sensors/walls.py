@@ -64,9 +64,9 @@ def echo(model: Any, data: Any, place: Array, heading: float, half_cone: float, 
 
     Args:
         model: MuJoCo model of the world.
-        data: its state.
-        place: of the sensor, (3,) m, map.
-        heading: of the middle of the cone, rad.
+        data: state of MuJoCo's physics.
+        place: position of the sensor, (3,) m, map.
+        heading: heading of the middle of the cone, rad.
         half_cone: half the angle of the cone, rad.
         longest: range of the sensor, m.
     """

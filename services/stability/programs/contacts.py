@@ -36,7 +36,7 @@ def within(given: ArrayLike, field: str, limit: float = MAX_COORDINATE, unit: st
         given: numbers of any shape, in `unit`.
         field: name of the field, for the refusal.
         limit: largest absolute value.
-        unit: of the numbers, for the refusal.
+        unit: unit of the numbers, for the refusal.
 
     Raises:
         StabilityError: `too_large`, one is beyond `limit`, for which no answer can be computed.

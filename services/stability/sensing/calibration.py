@@ -115,7 +115,7 @@ def calibrate(
     Args:
         robot: the robot; legs of three joints.
         poses: at least one; 18 factors need three, and five or more are well conditioned.
-        torque_variance: of each torque, Nm^2.
+        torque_variance: variance of each torque, Nm^2.
         apart_sd: standard deviation by which the joints' factors may differ; 0 = one factor for all.
 
     Raises:

@@ -58,7 +58,7 @@ def forces_from_torques(robot: Robot, joints: Array, torque: Array, g_up: Array,
         joints: q, (nj,) rad.
         torque: tau that the servos exert on the joints, (nj,) Nm.
         g_up: upward specific force at rest, base_link, (3,) m/s2.
-        torque_variance: of each torque, Nm^2.
+        torque_variance: variance of each torque, Nm^2.
     """
     found = leg_inverses(robot, joints, g_up)
     force, covariance = _leg_forces(robot.model, found.inverse, found.own, torque, torque_variance)
@@ -124,7 +124,7 @@ def fuse_normal(found: FootForces, normal: Array, load: Array, variance: Array) 
         found: forces from torques; not changed.
         normal: unit normal of each sole, axes of the forces, (L, 3).
         load: p, (L,) N; NaN = no reading.
-        variance: of each load, (L,) N^2.
+        variance: variance of each load, (L,) N^2.
     """
     force, covariance, observed = found.force.copy(), found.covariance.copy(), found.observed.copy()
     for i in np.flatnonzero(np.isfinite(load)):
@@ -186,9 +186,9 @@ def leg_forces_of(
         rot: orientations of its links, (n, 3, 3), base_link from link.
         pos: their origins in base_link, (n, 3) m.
         g_up: upward specific force at rest, base_link, (3,) m/s^2.
-        radius: of the foot spheres, (L,) m.
-        torque: of the servos, (nj,) Nm.
-        variance: of each torque, Nm^2.
+        radius: radii of the foot spheres, (L,) m.
+        torque: torques of the servos, (nj,) Nm.
+        variance: variance of each torque, Nm^2.
     """
     inverse, own, observed = _leg_inverses_of(model, rot, pos, g_up, radius)
     force, covariance = _leg_forces(model, inverse, own, torque, variance)
@@ -226,7 +226,7 @@ def com_from_forces(
     Args:
         position: feet, (n, 3) m, gravity-aligned frame.
         force: ground on foot, (n, 3) N, in these axes.
-        covariance: of each force, (n, 3, 3) N^2.
+        covariance: covariance of each force, (n, 3, 3) N^2.
         floor: smallest weight that counts, N.
         tilt_sd: of the frame's roll and pitch, rad: the weight seen in a tilted frame has a horizontal part, so sum F_x
             = sum F_y = 0 holds only up to W times that.

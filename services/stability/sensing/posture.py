@@ -373,7 +373,7 @@ def contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Arra
         rot: orientations of the links, (links, 3, 3), base_link from link.
         pos: origins of the links in base_link, (links, 3) m.
         up: unit vector, base_link, (3,).
-        radius: of the foot spheres, (L,) m.
+        radius: radii of the foot spheres, (L,) m.
     """
     jacobian = foot_jacobians_of(model, rot, pos)
     for i in range(model.leg_joints.shape[0]):

@@ -163,11 +163,11 @@ def _footing(
         model: links and joints of the robot.
         joints: angles, (nj,) rad.
         g_up: upward specific force at rest, base_link, (3,) m/s^2.
-        torque: of the joints, (nj,) Nm.
+        torque: torques of the joints, (nj,) Nm.
         touch: feet that stand, (L,).
-        radius: of the foot spheres, (L,) m.
+        radius: radii of the foot spheres, (L,) m.
         mu: friction coefficient.
-        variance: of a torque, Nm^2.
+        variance: variance of a torque, Nm^2.
     """
     links, origins = forward(model, joints)
     feet, centre = foot_positions_of(model, links, origins), com_of(model, links, origins)

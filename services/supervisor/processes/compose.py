@@ -194,8 +194,8 @@ class Compose:
     """A validated compose file.
 
     Attributes:
-        name: of the system.
-        path: of the file.
+        name: name of the system.
+        path: path of the file.
         services: by name, in dependency order.
         robot: name or folder of the robot that the file is for: SUREFOOT_ROBOT of its services, else of the caller.
     """

@@ -31,7 +31,7 @@ class StartOrder:
 
     Attributes:
         world: world to build.
-        seed: of all random numbers of the run.
+        seed: seed of all random numbers of the run.
         rtf: real-time factor, simulated over wall time; 0 = as fast as possible.
         record: path of the MCAP file of the recording, None = none.
         robot: name or folder of the robot, None = that of the compose file.
