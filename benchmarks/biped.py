@@ -58,9 +58,9 @@ class Setting:
         distance: length of the walk, m.
         turn: deg, in place of a walk.
         arc: turn over the distance, deg.
-        level: of the perturbation of masses, servos and sensors.
-        backlash: of the legs' joints, deg; default: as the robot description has it.
-        friction: of the ground; default: that of the simulator.
+        level: level of the perturbation of masses, servos and sensors.
+        backlash: backlash of the legs' joints, deg; default: as the robot description has it.
+        friction: friction coefficient of the ground; default: that of the simulator.
         stop: time of a stop command after the start of the walk, s.
         set: values of BipedParams as name=number, comma-separated.
     """

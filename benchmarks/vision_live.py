@@ -51,7 +51,7 @@ def from_elsewhere(world: Path, arm: str, texture: str, seed: int) -> Scenario:
         world: map of the floor's features.
         arm: policy and actions, of `goals.ARMS`.
         texture: name of the floor's texture.
-        seed: of start and error, which has the deviations of the model.
+        seed: seed of start and error, which has the deviations of the model.
     """
     rng = np.random.default_rng([seed, 28])
     start = rng.uniform(-1.0, 1.0, 3) * STARTS
@@ -74,7 +74,7 @@ def on_images(world: str, arm: str, texture: str, seed: int, record: str = "") -
         world: map of the floor's features, a file.
         arm: policy and actions, of `goals.ARMS`.
         texture: name of the floor's texture.
-        seed: of everything random but the floor.
+        seed: seed of everything random but the floor.
         record: folder for the recording; empty = there is none.
     """
     scenario = from_elsewhere(Path(world), arm, texture, seed)

@@ -72,7 +72,7 @@ class Loop:
 
     Args:
         seed: seed of all random numbers.
-        level: of the perturbation of masses, servos and sensors.
+        level: level of the perturbation of masses, servos and sensors.
         name: name of the robot.
         drift: turn of the robot's straight walk, rad/m.
     """

@@ -120,7 +120,7 @@ def build_ground(
         foot_radius: radius of the foot sphere, m.
         smooth: 3 x 3 median. 3 mm of noise per cell give K1 a deviation of 25 mm on flat ground, as much as a real
             edge; the filter leaves 7 mm, and straight edges stay. False suits exact maps.
-        variance: of the heights, (ny, nx) m^2, NaN = not seen; None = not known.
+        variance: variance of the heights, (ny, nx) m^2, NaN = not seen; None = not known.
     """
     surface = heights.smoothed() if smooth else heights
     scale = scale_of(heights, surface)

@@ -62,8 +62,8 @@ def _arc(r: float, z: float, cos: float, sin: float, femur: float, tibia: float)
     Args:
         r: of the foot, along the leg's plane from the femur joint, m.
         z: of the foot, up from the femur joint, m.
-        cos: of the femur's limit.
-        sin: of the femur's limit.
+        cos: cosine of the femur's limit angle.
+        sin: sine of the femur's limit angle.
         femur: length, m.
         tibia: length, m.
     """

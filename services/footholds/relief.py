@@ -107,7 +107,7 @@ def blur_relief(relief: Relief, variance: Layer, cell: float, scale: int) -> Non
 
     Args:
         relief: planes of the map; `unsure` is overwritten.
-        variance: of the heights, (ny, nx) m^2, NaN = not seen.
+        variance: variance of the heights, (ny, nx) m^2, NaN = not seen.
         cell: edge of a cell, m.
         scale: cells on each side of a plane.
     """

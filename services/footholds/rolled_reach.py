@@ -77,8 +77,8 @@ def _to_limit(cos: float, sin: float, w: float, beside: float) -> float:
     limit lies behind.
 
     Args:
-        cos: of the angle d from the joint to its limit.
-        sin: of d.
+        cos: cosine of the angle d from the joint to its limit.
+        sin: sine of the angle d.
         w: |w|, distance of the foot from the first axis along the leg, m.
         beside: |b|, offset of the foot to the side of the first axis, m.
     """
@@ -98,8 +98,8 @@ def _from_arc(
     Args:
         u: of the foot in the plane of femur and tibia, along the first axis from the femur joint, m.
         v: of the foot across it, m.
-        cos: of the femur's limit, counted from v towards u.
-        sin: of the femur's limit.
+        cos: cosine of the femur's limit angle, counted from v towards u.
+        sin: sine of the femur's limit angle.
         femur: length, m.
         tibia: length, m.
         bend: side to which the knee bends, 1 or -1.

@@ -134,7 +134,7 @@ def lay(
         plane: height over (0, 0), m, and its slopes along x and y, no unit.
         half: half edges of the rectangle along x and y that is set, (2,) m.
         variance: variance of the heights of the plane, m^2.
-        drift: of the odometry now: growth of its variances since its beginning.
+        drift: drift of the odometry now: growth of its variances since its beginning.
     """
     n, c = layers.height.shape[0], grid.cell
     x, y = c * (grid.col + np.arange(n))[None, :], c * (grid.row + np.arange(n))[:, None]
@@ -215,7 +215,7 @@ def fuse(layers: Elevation, found: GroundMeans, drift: OdometryDrift) -> int:
     Args:
         layers: the map, (n, n) each.
         found: means of the points of the image in each cell.
-        drift: of the odometry now: growth of its variances since its beginning.
+        drift: drift of the odometry now: growth of its variances since its beginning.
     """
     seen = 0
     for i in range(layers.height.shape[0]):
@@ -242,7 +242,7 @@ def variances(layers: Elevation, grid: Grid, drift: OdometryDrift, robot: tuple[
     Args:
         layers: layers of the map, (n, n) each.
         grid: place of the cells.
-        drift: of the odometry now: growth of its variances since its beginning.
+        drift: drift of the odometry now: growth of its variances since its beginning.
         robot: x, y, m, frame of the map, and variance of its tilt about a level axis, rad^2.
     """
     height, variance, drift_z, drift_xy, drift_yaw = layers

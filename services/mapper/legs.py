@@ -24,7 +24,7 @@ class TrunkOverFeet:
     """Pose of base_link, updated by the standing feet alone while there is no odometry.
 
     Attributes:
-        position: of base_link, (3,) m, frame of the last odometry.
+        position: position of base_link, (3,) m, frame of the last odometry.
         yaw: heading of base_link in the frame of the last odometry, rad.
     """
 

@@ -186,7 +186,7 @@ class Mapper:
         The variances of the map grow by the uncertainty of this alignment.
 
         Args:
-            pose: of base_link now, in the new frame of the odometry.
+            pose: pose of base_link now, in the new frame of the odometry.
             trunk: pose of base_link by the standing feet since the odometry was lost, frame of the map.
         """
         turn = matrix_from_rpy(0.0, 0.0, trunk.yaw - float(rpy_from_matrix(pose.rot)[2]))

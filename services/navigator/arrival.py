@@ -62,7 +62,7 @@ def surely_turned(goal: NavigationGoal, mean: Array, cov: Array, sure: float) ->
     Args:
         goal: states heading and tolerance.
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         sure: standard deviations to spare.
     """
     if goal.yaw is None:
@@ -79,7 +79,7 @@ def sure_of_place(goal: NavigationGoal, mean: Array, cov: Array, sure: float) ->
     Args:
         goal: states place, heading and tolerances.
         mean: believed x, y (m), heading (rad), frame map, (n,), n >= 3.
-        cov: its covariance, (n, n).
+        cov: covariance of `mean`, (n, n).
         sure: standard deviations to spare.
     """
     turning = abs(beside(goal, mean)[1]) > 0.5 * goal.yaw_tolerance
@@ -94,7 +94,7 @@ def arrival(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> End:
     Args:
         goal: the goal with its tolerances.
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         sure: standard deviations that have to fit between estimate and tolerance.
     """
     distance, turned = beside(goal, mean)

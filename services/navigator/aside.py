@@ -73,8 +73,8 @@ def _free(pose: Array, ends: Array, costs: Costs) -> NDArray[np.bool_]:
 
     Args:
         pose: x, y (m), heading (rad), frame map, (3,).
-        ends: of the walks, in the axes of that pose, (e, 2) m.
-        costs: of walking over the cells of the map.
+        ends: ends of the walks, in the axes of that pose, (e, 2) m.
+        costs: costs of walking over the cells of the map.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     length = np.hypot(*ends.T)

@@ -43,8 +43,8 @@ class Execution:
         """Record that the walker started an action.
 
         Args:
-            motion: of the whole action.
-            duration: of its steps, s.
+            motion: motion of the whole action.
+            duration: duration of the action's steps, s.
             now: simulated time, s.
             ends_in: time until its last step lands, s; None = not published, `duration` counts.
         """

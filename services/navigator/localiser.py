@@ -146,7 +146,7 @@ class Localiser:
 
         Args:
             pose: believed x, y (m), heading (rad) then, frame map.
-            cov: its covariance, (3, 3).
+            cov: covariance of `pose`, (3, 3).
             odom, now: odometry then and now, x, y (m), heading (rad), frame odom; None = there was or is none.
         """
         if odom is not None and now is not None:
@@ -273,10 +273,10 @@ class Localiser:
 
         Args:
             seen: detections of the frame.
-            found: their matches.
+            found: matches of the detections.
             cov: of the belief before the frame, x, y (m), heading (rad) first, (n, n).
-            time: of the frame, s.
-            share: of landmarks in view that are recognised, 0 to 1.
+            time: time of the frame, s.
+            share: share of landmarks in view that are recognised, 0 to 1.
             standing: the robot stands.
         """
         world = self.tracker.world
@@ -320,7 +320,7 @@ class Localiser:
         """Check the believed pose with one echo of the ranger.
 
         Args:
-            distance: of the echo, or the end of the reach, m.
+            distance: distance of the echo, or the end of the reach, m.
             expected: least and largest of it by the map at the believed pose, as far as its heading is known, m.
             slack: difference from these that still counts as agreement, m.
             now: simulated time, s.

@@ -61,7 +61,7 @@ class GoalMemory(RunMemory):
     """File that keeps the state a navigator needs when it is started again: last goal, belief, order number.
 
     Args:
-        path: of the file; None = nothing is kept.
+        path: path of the file; None = nothing is kept.
     """
 
     def __init__(self, path: str | None) -> None:

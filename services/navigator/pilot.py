@@ -100,7 +100,7 @@ class Pilot:
         Args:
             goal: goal with its progress.
             decider: chooses its actions.
-            state: of the goal then: under way, stopping or ended.
+            state: state of the goal then: under way, stopping or ended.
             end: its outcome, so far as known.
         """
         self.begin(goal, decider)
@@ -375,7 +375,7 @@ class Pilot:
         """Order a turn on the spot by an angle, rad, left positive; noise and time are those of the model's turns.
 
         Args:
-            name: of the action.
+            name: name of the action.
             angle: rad, left positive.
         """
         one = next(act for act in self.acts if act.kind == "turn")

@@ -134,7 +134,7 @@ class PhysicsWorld:
         """Reset the world to tick 0, the robot at rest in a stance; equal arguments give equal bits.
 
         Args:
-            seed: of sensors and faults; None = the last one.
+            seed: seed of sensors and faults; None = the last one.
             pose: x, y in m and yaw in rad of the trunk before it settles; None = `WorldConfig.start`.
             stance: joint angles that are held, (nj,), rad; None = neutral.
 

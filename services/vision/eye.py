@@ -168,7 +168,7 @@ class Eye:
             image: image of the camera.
             base: roll, pitch and height of base_link.
             belief: believed pose; None = lost.
-            places: of the features found in the image, forward and left of base_link, (n, 2) m.
+            places: places of the features found in the image, forward and left of base_link, (n, 2) m.
         """
         if self.world is None or belief is None:
             self._halves.clear()

@@ -47,7 +47,7 @@ def landmarks_message(places: Array, seen: Seen, codes: Array, stamp_ns: int, fl
     """Return the message of the landmarks recognised in an image.
 
     Args:
-        places: of its landmarks, forward and left of base_link now, (k, 2) m.
+        places: places of the image's landmarks, forward and left of base_link now, (k, 2) m.
         seen: result of the image.
         codes: descriptors by which the navigator knows the map's features, (n, 8) unit vectors.
         stamp_ns: middle of the exposure, simulated time, ns.

@@ -103,8 +103,8 @@ def recognise(
     """Return the map features that are recognised in a picture.
 
     Args:
-        places: of the picture's n features, forward and left of base_link, (n, 2) m.
-        descriptors: of these, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT.
+        places: places of the picture's n features, forward and left of base_link, (n, 2) m.
+        descriptors: descriptors of these features, (n, 32) uint8 of ORB, (n, 128) float32 of SIFT.
         world: map of features.
         belief: None = lost: all of the map is compared, and only a motion that many agree on counts.
         params: limits.
@@ -143,7 +143,7 @@ def gate_radius(places: Array, p: Array, params: RecogniseParams) -> Array:
     """Return the distance from each place within which map features are candidates for it, (n,) m.
 
     Args:
-        places: of features, forward and left of base_link, (n, 2) m.
+        places: places of features, forward and left of base_link, (n, 2) m.
         p: covariance of the believed pose x, y (m), heading (rad), (3, 3).
         params: width of the gate.
     """
@@ -158,7 +158,7 @@ def _gate(
     """Return the map features that each feature of the picture may show by its position.
 
     Args:
-        places: of the picture's n features, forward and left of base_link, (n, 2) m.
+        places: places of the picture's n features, forward and left of base_link, (n, 2) m.
         world: map of features.
         belief: of the pose; None = none: all may be all.
         params: width of the gate.

@@ -123,7 +123,7 @@ def in_image(image: CameraImage, base: FloorPose, patch: Patch, places: Array) -
         image: message with the camera's place and lens.
         base: roll, pitch and height of base_link.
         patch: part of the floor that pictures from above show.
-        places: of the points, forward and left of base_link, (n, 2) m.
+        places: places of the points, forward and left of base_link, (n, 2) m.
 
     Raises:
         Refusal: the camera does not look down on the floor.

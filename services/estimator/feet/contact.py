@@ -196,7 +196,7 @@ def points_of(foot: NDArray[np.int64], place: Array, position: Array, rot: Array
 
     Args:
         foot: index of the foot of each point, (K,).
-        place: of each from the centre of its foot, foot axes, (K, 3) m.
+        place: place of each contact point from the centre of its foot, foot axes, (K, 3) m.
         position: foot centres from the IMU, IMU axes, (L, 3) m.
         rot: rot_imu_from_foot, (L, 3, 3).
 

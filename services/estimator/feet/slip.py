@@ -128,7 +128,7 @@ class StanceSlip:
 
     Args:
         legs: number of feet L.
-        radius: of the foot spheres, (L,) m; 0 = a sole.
+        radius: radii of the foot spheres, (L,) m; 0 = a sole.
     """
 
     legs: int
@@ -181,7 +181,7 @@ def _followed(feet: FootWays, contact: Flags, centre: Array, rot: Array, radius:
         contact: foot switches, True = closed, (L,).
         centre: foot centres in odom, (L, 3) m; a row that is not finite leaves its foot as it was.
         rot: rot_odom_from_foot, (L, 3, 3).
-        radius: of the foot spheres, (L,) m; 0 = a sole.
+        radius: radii of the foot spheres, (L,) m; 0 = a sole.
     """
     ended = np.zeros(contact.size, dtype=np.bool_)
     for leg in range(contact.size):

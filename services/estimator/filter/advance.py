@@ -91,7 +91,7 @@ def _cross_gap(state: BestState, d: float, before: Array, after_it: Array, limit
     turned on or not.
 
     Args:
-        state: of the filter; changed if the gap is longer than usual.
+        state: state of the filter; changed if the gap is longer than usual.
         d: length of the gap, s; steps up to `limits.gap_s` are no gap, beyond `limits.forget_s` velocity and feet go.
         before: gyro at the begin of the gap, IMU axes, (3,) rad/s.
         after_it: gyro at its end, IMU axes, (3,) rad/s.
@@ -157,12 +157,12 @@ def _correct(
     """Correct one state with one sample of its points, in place; return the logarithm of its likelihood.
 
     Args:
-        state: of the filter, or one hypothesis of it, at the stamp of the sample; changed.
+        state: state of the filter, or one hypothesis of it, at the stamp of the sample; changed.
         seen: places and contacts of the contact points.
         hypotheses: True: each point may slide, staying and sliding are mixed; False: `slides` names the feet that
             slide.
         slides: bit f is set if foot f slides.
-        share: of the learned velocity of a slide by which it goes on, 0 to 1.
+        share: share of the learned velocity of a slide by which it goes on, 0 to 1.
     """
     before, rot, limits = state.x[X.pos : X.pos + 3].copy(), rotation(state.x), setting.limits
     likely = take_points(state, seen, setting.geometry, setting.noise, hypotheses, slides, share)
@@ -302,7 +302,7 @@ def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setti
     A sample of the feet is taken at its own stamp, between two parts of the inertial step in which it lies.
 
     Args:
-        state: of the filter at row `at` - 1; changed.
+        state: state of the filter at row `at` - 1; changed.
         samples: stored samples, filled rows only.
         at: inertial row.
         next_foot: first row of the feet that has not been taken.
@@ -383,7 +383,7 @@ def advance(state: BestState, samples: SampleStore, begin: int, setting: BestSet
     """Advance the filter over the inertial rows from `begin` on and the other samples between them, in place.
 
     Args:
-        state: of the filter, as after row `begin` - 1; changed.
+        state: state of the filter, as after row `begin` - 1; changed.
         samples: stored samples by rising stamps, filled rows only.
         begin: first inertial row to take.
         setting: geometry, noises and limits of the filter.

@@ -60,7 +60,7 @@ def expected(
     derivative zero.
 
     Args:
-        state: of the filter, whose error has n numbers, at the end of the inertial step.
+        state: state of the filter, whose error has n numbers, at the end of the inertial step.
         part: what is compared: `POSITION` = 0, `YAW` = 1 or `VELOCITY` = 2.
         row: the sample, (26,) as in `ExternalLayout`: m, rad, m/s and their squares.
         w: gyro since the sample, IMU axes, (3,) rad/s.
@@ -139,7 +139,7 @@ def _correct(state: BestState, z: Array, by: Array, noise: Array) -> float:
     """Correct one state with an innovation, in place; return the logarithm of its likelihood up to a constant.
 
     Args:
-        state: of the filter, or one hypothesis, whose error has n numbers; changed.
+        state: state of the filter, or one hypothesis, whose error has n numbers; changed.
         z: innovation, estimate minus sample, (3,), m, rad or m/s.
         by: its derivative by the error, (3, n).
         noise: covariance of the sample, (3, 3), unit of z squared.
@@ -168,7 +168,7 @@ def _anchor(state: BestState, row: Array, rot_base_from_imu: Array, placed: bool
     """Make the frame of the source uncertain, and place it so that the sample fits, in place.
 
     Args:
-        state: of the filter, or one hypothesis; shift and turn of the frame, and their covariance, are changed.
+        state: state of the filter, or one hypothesis; shift and turn of the frame, and their covariance, are changed.
         row: the sample, (26,) as in `ExternalLayout`.
         rot_base_from_imu: mounting of the IMU in base_link, (3, 3).
         placed: True if the sample has a position; else only the turn of the frame is set.
@@ -189,7 +189,7 @@ def _fits(state: BestState, z: Array, by: Array, noise: Array) -> bool:
     """Return True if the normalised square of an innovation (3 degrees of freedom) is below `FIXED.outlier` = 16.
 
     Args:
-        state: of the filter, or one hypothesis, whose error has n numbers.
+        state: state of the filter, or one hypothesis, whose error has n numbers.
         z: innovation, estimate minus sample, (3,), m, rad or m/s.
         by: its derivative by the error, (3, n).
         noise: covariance of the sample, (3, 3), unit of z squared.
@@ -269,7 +269,7 @@ def take_external(state: BestState, samples: SampleStore, at: int, setting: Best
     """Correct with the samples of another source between inertial rows `at` - 1 and `at`, in place.
 
     Args:
-        state: of the filter at row `at`; changed.
+        state: state of the filter at row `at`; changed.
         samples: stored samples, filled rows only.
         at: inertial row.
         setting: geometry, noises and limits of the filter.

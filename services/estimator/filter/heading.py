@@ -112,7 +112,7 @@ def take_back(state: BestState, before: Array) -> None:
     """Undo a part of the turn of the heading by a sample of the feet, in place: the share of the gyro (0 to 1).
 
     Args:
-        state: of the filter after a sample of the feet; changed.
+        state: state of the filter after a sample of the feet; changed.
         before: rot_odom_from_imu before the sample, (3, 3).
     """
     share = trusted_share(state)

@@ -109,7 +109,7 @@ def mean_of(state: BestState, shares: Array, out: BestState) -> None:
     Shares need not sum to 1. Flags of `out` are those of the hypothesis with the largest share.
 
     Args:
-        state: of the filter, with its hypotheses.
+        state: state of the filter, with its hypotheses.
         shares: weight of each hypothesis, (H,), no unit.
         out: state that is overwritten; it may be `state` itself.
     """
@@ -180,7 +180,7 @@ def mix(state: BestState, contact: Array, foot: Feet, noise: BestNoise) -> None:
     """Mix the hypotheses before a sample of the feet, in place: a foot may have begun or stopped sliding meanwhile.
 
     Args:
-        state: of the filter, changed; without hypotheses it becomes the one in which nothing slides.
+        state: state of the filter, changed; without hypotheses it becomes the one in which nothing slides.
         contact: probability that each point touches the ground, (K,).
         foot: index of the foot of each point, (K,).
         noise: noises and rates of the filter, with the probabilities that a slide begins, or goes on.
@@ -237,7 +237,7 @@ def weigh(state: BestState, likely: Array) -> None:
     """Multiply the weight of each hypothesis by its likelihood, in place, and scale all to sum 1; drop unlikely ones.
 
     Args:
-        state: of the filter; weights (H,) are changed.
+        state: state of the filter; weights (H,) are changed.
         likely: logarithms of the likelihoods up to a common constant, (H,).
     """
     weight, most, total = state.weight, -math.inf, 0.0

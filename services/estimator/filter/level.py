@@ -129,7 +129,7 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
     """Learn unevenness and slope of the ground from foot f and the other feet that stand on known levels, in place.
 
     Args:
-        state: of the filter; its memory is changed.
+        state: state of the filter; its memory is changed.
         likely: its likeliest hypothesis, or the state itself if there is none.
         geometry: contact points on the feet.
         f: index of the foot that has come down.
@@ -179,7 +179,7 @@ def _stand_on(state: BestState, geometry: BestGeometry, f: int, level: float, kn
         g = D/(D + n),   height -= g (z - h),   variance of the height: s + D n/(D + n)
 
     Args:
-        state: of the filter, or one hypothesis; changed.
+        state: state of the filter, or one hypothesis; changed.
         geometry: contact points on the feet.
         f: index of the foot.
         level: height h of the level in odom, m.
@@ -208,7 +208,7 @@ def _stand_even(state: BestState, geometry: BestGeometry, f: int, other: int, no
     """Correct with two feet that stand on one level: they are equally high, which shows the tilt, in place.
 
     Args:
-        state: of the filter, or one hypothesis; changed.
+        state: state of the filter, or one hypothesis; changed.
         geometry: contact points on the feet.
         f: index of one foot.
         other: index of the other foot.
@@ -263,7 +263,7 @@ def _even_out(state: BestState, likely: BestState, geometry: BestGeometry, f: in
     """Correct with foot f and each other foot that stands on its level of the ground, in place.
 
     Args:
-        state: of the filter; it, or each of its hypotheses, is changed.
+        state: state of the filter; it, or each of its hypotheses, is changed.
         likely: its likeliest hypothesis, or the state itself if there is none.
         geometry: contact points on the feet.
         f: index of the foot.
@@ -290,7 +290,7 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None
     A level is a height on which feet have stood before; a foot on none of them makes a new one.
 
     Args:
-        state: of the filter after a sample of the feet; it, its hypotheses and the known levels are changed.
+        state: state of the filter after a sample of the feet; it, its hypotheses and the known levels are changed.
         geometry: contact points on the feet.
         dt: time since the last sample of the feet, s.
     """

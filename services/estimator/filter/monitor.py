@@ -94,7 +94,7 @@ def judge_noise(state: BestState, stated: float) -> None:
     """Lower the noise of a contact point to what standing feet show, in place.
 
     Args:
-        state: of the filter; the factor of the noise in its memory, and in that of its hypotheses, is changed.
+        state: state of the filter; the factor of the noise in its memory, and in that of its hypotheses, is changed.
         stated: stated noise of a contact point, standard deviation, m.
     """
     memory = state.memory
@@ -238,7 +238,7 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
     """Learn from a row of the feet which sensors of the legs are wrong, in place.
 
     Args:
-        state: of the filter at the time of the row; numbers of its sensors and memory are changed.
+        state: state of the filter at the time of the row; numbers of its sensors and memory are changed.
         samples: stored samples, filled rows only.
         row: index of the sample of the feet.
         foot: index of the foot of each contact point, (K,).
@@ -292,7 +292,7 @@ def believed(state: BestState, samples: SampleStore, row: int, foot: Feet) -> Ar
     they have jumped. A wrong switch explains why samples do not fit.
 
     Args:
-        state: of the filter; the mistrust in each point, 0 to 1, from which this follows, is changed.
+        state: state of the filter; the mistrust in each point, 0 to 1, from which this follows, is changed.
         samples: stored samples.
         row: index of the sample of the feet.
         foot: index of the foot of each point, (K,).

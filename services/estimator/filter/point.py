@@ -38,7 +38,7 @@ def put_down(state: BestState, k: int, y: Array, noise: BestNoise) -> None:
     """Put contact point k down where it is seen, in place; its error correlates with no other.
 
     Args:
-        state: of the filter, or one hypothesis; changed.
+        state: state of the filter, or one hypothesis; changed.
         k: index of the point.
         y: place of the point from the IMU, IMU axes, (3,) m.
         noise: noises and rates of the filter.
@@ -58,7 +58,7 @@ def retract(state: BestState, xi: Array) -> None:
     Attitude, velocity and points are turned by exp(-[xi_R]), xi_R the first three numbers; all else is subtracted.
 
     Args:
-        state: of the filter, or one hypothesis; changed.
+        state: state of the filter, or one hypothesis; changed.
         xi: error, (15 + 3 K,) in the order of `ErrorLayout`: rotation rad, velocity m/s, gyro bias rad/s, accelerometer
             bias m/s^2, position m, contact points m; errors of the frame of another source, m and rad, may follow.
     """
@@ -105,7 +105,7 @@ def observe(
     """Correct state and covariance by contact point k, which stands and is seen at y, in place.
 
     Args:
-        state: of the filter, or one hypothesis; changed.
+        state: state of the filter, or one hypothesis; changed.
         k: index of the point.
         y: its place from the IMU by the encoders, IMU axes, (3,) m.
         contact: probability that it touches the ground.
@@ -186,7 +186,7 @@ def _stay(state: BestState, row: int, z: Array, inverse: Array) -> None:
     """Correct with the innovation of a point that stays, in place.
 
     Args:
-        state: of the filter, or one hypothesis; changed.
+        state: state of the filter, or one hypothesis; changed.
         row: first row of the point in the error.
         z: innovation of its place, seen minus estimated, odom axes, (3,) m.
         inverse: inverse covariance of z, (3, 3) 1/m^2.

@@ -29,7 +29,7 @@ def grow_pose(state: BestState, d: float, noise: BestNoise) -> None:
     """Increase Q, the covariance of the published pose beyond the filter's, over a step of d s, in place.
 
     Args:
-        state: of the filter; Q in its memory is changed.
+        state: state of the filter; Q in its memory is changed.
         d: length of the step, s.
         noise: noises and rates of the filter.
     """

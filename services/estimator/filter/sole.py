@@ -25,7 +25,7 @@ def turn_soles(state: BestState, geometry: BestGeometry, noise: BestNoise, dt: f
     alone.
 
     Args:
-        state: of the filter; its covariance is changed.
+        state: state of the filter; its covariance is changed.
         geometry: contact points and axes of the soles.
         noise: rates at which a sole rolls, pitches and twists, rad/sqrt(s).
         dt: time since the last sample of the feet, s.
@@ -62,7 +62,7 @@ def _turn_sole(state: BestState, geometry: BestGeometry, f: int, pivot: Array, a
     """Add the turning of one sole about an axis to the covariance of its points, in place.
 
     Args:
-        state: of the filter; its covariance is changed.
+        state: state of the filter; its covariance is changed.
         geometry: contact points of the feet.
         f: index of the foot.
         pivot: a place on the axis, from the foot's centre, foot axes, (3,) m.
@@ -95,10 +95,10 @@ def rock_soles(state: BestState, closed: Feet, geometry: BestGeometry, variance:
     twisting.
 
     Args:
-        state: of the filter; its covariance is changed, and the switches are remembered in it.
+        state: state of the filter; its covariance is changed, and the switches are remembered in it.
         closed: switches of each foot that are closed, (L,), bit s for switch s.
         geometry: contact points and switches of the feet; feet with fewer than three switches are flat.
-        variance: of the turn about each axis, rad^2.
+        variance: variance of the turn about each axis, rad^2.
 
     Returns:
         The feet that rock, bit f for foot f.

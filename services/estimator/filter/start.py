@@ -255,7 +255,7 @@ def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: Best
     """Start with the means of the rest that ends at inertial row `at` (equation (1) of Wawrzynski et al.), in place.
 
     Args:
-        state: of the filter; it becomes one at rest, with biases and tilt by the means.
+        state: state of the filter; it becomes one at rest, with biases and tilt by the means.
         samples: stored samples.
         at: last inertial row of the rest.
         setting: geometry, noises and limits of the filter.

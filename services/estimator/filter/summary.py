@@ -188,10 +188,10 @@ def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array
     """Return the numbers from which the flags of an estimate, and the reasons for them in words, follow.
 
     Args:
-        parts: of the filter, brought up to the newest inertial sample.
+        parts: parts of the filter, brought up to the newest inertial sample.
         vectors: estimate by rows, (8, 3), SI, as in `RowLayout`.
         more: quaternion of base_link in odom (4,) and probability that each foot slides (L,), as one array (4 + L,).
-        covariance: of (g, v) in IMU axes, (6, 6), m/s^2 and m/s squared.
+        covariance: covariance of (g, v) in IMU axes, (6, 6), m/s^2 and m/s squared.
     """
     slipping, stamps = False, parts.clock.stamps
     for i in range(QUAT, more.size):

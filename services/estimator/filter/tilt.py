@@ -26,7 +26,7 @@ def _turn_up(state: BestState, setting: BestSetting, ahead: float, side: float, 
     how a robot turned that was knocked over unseen, and where it rolled to, is not known.
 
     Args:
-        state: of the filter; changed; its start counts as in motion after a wrong tilt.
+        state: state of the filter; changed; its start counts as in motion after a wrong tilt.
         setting: geometry, noises and limits of the filter.
         ahead: component of the vector along x of odom.
         side: component along y of odom.
@@ -118,7 +118,7 @@ def check_tilt(state: BestState, setting: BestSetting, lost: bool) -> None:
     up, up to what a walk accelerates.
 
     Args:
-        state: of the filter after a sample of the feet; changed.
+        state: state of the filter after a sample of the feet; changed.
         setting: geometry, noises and limits of the filter.
         lost: the velocity is lost by this sample; else `lost_memory` = 1 s has passed since the first loss.
     """
@@ -153,7 +153,7 @@ def check_start(state: BestState, contact: Array, dt: float, setting: BestSettin
     foot that swings behind a switch that hangs looks like a wrong tilt.
 
     Args:
-        state: of the filter after a sample of the feet; changed.
+        state: state of the filter after a sample of the feet; changed.
         contact: probability that each contact point stands, (K,).
         dt: time since the last sample of the feet, s.
         setting: geometry, noises and limits of the filter.

@@ -33,7 +33,7 @@ def learn_excess(state: BestState, y: Array, noise: BestNoise) -> None:
     within 1 and `most_excess`; k counts the samples, the other names are fields of `noise`.
 
     Args:
-        state: of the filter; excess and last innovation in its memory are changed.
+        state: state of the filter; excess and last innovation in its memory are changed.
         y: contact points as the feet are seen now, from the IMU, IMU axes, (K, 3) m.
         noise: noises and rates of the filter.
     """
@@ -70,7 +70,7 @@ def _loosen(state: BestState, contact: Array, foot: Feet, slides: int, slip: flo
     """Widen the covariance of points that slide, or hardly touch the ground, in place.
 
     Args:
-        state: of the filter; its covariance is changed.
+        state: state of the filter; its covariance is changed.
         contact: probability that each point touches the ground, (K,).
         foot: index of the foot of each point, (K,).
         slides: bit f is set if foot f slides.
@@ -104,7 +104,7 @@ def follow(state: BestState, before: Array, noise: BestNoise) -> None:
     applied in the prediction.
 
     Args:
-        state: of the filter after a sample of the feet; the lag in its memory is changed.
+        state: state of the filter after a sample of the feet; the lag in its memory is changed.
         before: position of the IMU in odom before the sample, (3,) m.
         noise: noises and rates of the filter.
     """
@@ -157,11 +157,11 @@ def _slide(state: BestState, foot: Feet, slides: int, dt: float, share: float) -
     """Move the standing points of sliding feet by their learned velocity, in place; return the earlier points.
 
     Args:
-        state: of the filter; level places of the points are changed.
+        state: state of the filter; level places of the points are changed.
         foot: index of the foot of each point, (K,).
         slides: bit f is set if foot f slides.
         dt: time since the last sample of the feet, s.
-        share: of the learned velocity of a slide by which it goes on, 0 to 1.
+        share: share of the learned velocity of a slide by which it goes on, 0 to 1.
 
     Returns:
         x and y of each point from the IMU, odom axes, (K, 2) m.
@@ -187,7 +187,7 @@ def _learn_slide(state: BestState, foot: Feet, slides: int, before: Array, dt: f
     the state.
 
     Args:
-        state: of the filter, corrected by the sample; slide velocities and memory are changed.
+        state: state of the filter, corrected by the sample; slide velocities and memory are changed.
         foot: index of the foot of each point, (K,).
         slides: bit f is set if foot f slides.
         before: x and y of each point before the sample, odom axes, (K, 2) m.
@@ -224,7 +224,7 @@ def _roll(state: BestState, seen: SeenPoints, contact: Array, radius: Array, dt:
     """Lift points that may have stepped, and roll round feet since the last sample of the feet, in place.
 
     Args:
-        state: of the filter; points and stored rotations of the feet are changed.
+        state: state of the filter; points and stored rotations of the feet are changed.
         seen: contact points at the sample.
         contact: probability that each touches the ground, (K,); below one half a point is lifted.
         radius: radius of the foot sphere of each point, (K,) m; 0: it does not roll.
@@ -310,14 +310,14 @@ def take_points(
     """Take one sample of all contact points, in place: roll, twist, slide, correct, put down and lift.
 
     Args:
-        state: of the filter at the stamp of the sample; changed.
+        state: state of the filter at the stamp of the sample; changed.
         seen: the points; one with a contact below one half is lifted, of an unknown contact (NaN) its height decides.
         geometry: contact points on the feet, and mounting of the IMU.
         noise: noises and rates of the filter.
         hypotheses: True: each point may slide, staying and sliding are mixed; False: `slides` names the feet that
             slide.
         slides: bit f is set if foot f slides, in a state that is one of several hypotheses.
-        share: of the learned velocity of a slide by which it goes on, 0 to 1.
+        share: share of the learned velocity of a slide by which it goes on, 0 to 1.
 
     Returns:
         Logarithm of the likelihood of the sample up to a constant.

@@ -312,7 +312,7 @@ def check_units(
         rot: rot_imu_from_foot, (L, 3, 3).
         contact: probability of contact of each foot, (L,); NaN = unknown, not compared.
         foot: index of the foot of each contact point, (K,).
-        place: of each point from the centre of its foot, foot axes, (K, 3) m.
+        place: place of each point from the centre of its foot, foot axes, (K, 3) m.
     """
     marks, numbers, last = check.marks, check.numbers, check.points
     along, away, force = 0.0, 0.0, 0.0

@@ -21,9 +21,9 @@ class ExternalSample:
     """Pose, heading or velocity from another source, such as a camera, at one moment; None = not in this sample.
 
     Args:
-        position: of the IMU in the frame of the source, z up, (3,) m, with its covariance, (3, 3) or (9,) m^2.
+        position: position of the IMU in the frame of the source, z up, (3,) m, with its covariance, (3, 3) or (9,) m^2.
         yaw: heading of base_link in that frame, rad, with its variance, rad^2; a position needs one.
-        velocity: of the IMU in IMU axes, (3,) m/s, with its covariance, (3, 3) or (9,) (m/s)^2.
+        velocity: velocity of the IMU in IMU axes, (3,) m/s, with its covariance, (3, 3) or (9,) (m/s)^2.
     """
 
     position: ArrayLike | None = None  # (3,) m, IMU in the frame of the source, z up

@@ -294,7 +294,7 @@ class LegTracker:
 
     Args:
         feet: number L of feet.
-        radius: of the foot spheres, (L,) m; 0 = a sole.
+        radius: radii of the foot spheres, (L,) m; 0 = a sole.
         params: switches of the method, and limits.
     """
 

@@ -205,7 +205,7 @@ class GyroBias:
         `PATIENCE` windows shows that the old bias was learned in such a turn, and gives a new bias.
 
         Args:
-            mean: of the gyro over the last `length` samples, (3,) rad/s.
+            mean: mean of the gyro over the last `length` samples, (3,) rad/s.
             w: the sample, (3,) rad/s.
             length: number of samples of a window.
         """

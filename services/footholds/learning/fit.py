@@ -184,7 +184,7 @@ def built(
         bins: slips of the samples by index on the lattice.
         ranges: smallest and largest K1 / (8 cell), K2 / (8 cell), cos K3 of the samples.
         candidate: settings of the fit.
-        figures: of the cross-validation, by name, kept with the model.
+        figures: figures of the cross-validation, by name, kept with the model.
         sources: sources of the samples, one line each.
     """
     return LearnedModel(

@@ -101,7 +101,7 @@ def slip_interval(mean: Array, sd: Array, share: float = SHARE, least: float = L
     `least`.
 
     Args:
-        mean: of the distributions, (n,), slip per stroke.
+        mean: mean of the distributions, (n,), slip per stroke.
         sd: their standard deviations, (n,), slip per stroke.
         share: share of the slips in the interval, 0 to 1.
         least: smallest slip per stroke.

@@ -31,9 +31,9 @@ def relearned(
 
     Args:
         model: the old model.
-        samples: of the model's cell, filter, foot and robot; those that cannot be learned from are left out.
+        samples: samples of the model's cell, filter, foot and robot; those that cannot be learned from are left out.
         form: `counted` weighs each sample alike whenever it came; `paper` averages a bin's old and new values.
-        weight: of the new samples, 0 to 1; 1 = as much as the old.
+        weight: weight of the new samples, 0 to 1; 1 = as much as the old.
 
     Raises:
         LearnError: no sample is left, or samples and model do not go together.

@@ -126,7 +126,7 @@ def gather(samples: Iterable[StanceSample], relief: bool = True) -> SampleSet:
     """Return the samples that can be learned from, each stance once, in an order that does not depend on theirs.
 
     Args:
-        samples: of one robot, cell, filter and foot.
+        samples: samples of one robot, cell, filter and foot.
         relief: True: coefficients of planes at the scale of each map; False: those of 3 x 3 cells (Walas & Belter).
     """
     refused: Counter[str] = Counter()

@@ -24,9 +24,9 @@ def alone(places: Array, looks: Array, positions: Array, others: Array, look: fl
 
     Args:
         places: where m landmarks would stand, (m, 2) m, frame map.
-        looks: their descriptors, (m, k), no unit.
+        looks: descriptors of the places, (m, k), no unit.
         positions: landmarks of the map, (n, 2) m, frame map.
-        others: their descriptors, (n, k), no unit.
+        others: descriptors of the landmarks of the map, (n, k), no unit.
         look: largest distance of two descriptors of one landmark, no unit.
     """
     found, most = np.ones(places.shape[0], dtype=np.bool_), look * look
@@ -44,7 +44,7 @@ def telling(poses: Array, ends: Array, world: FloorLandmarks, look: float) -> Ar
 
     Args:
         poses: candidate poses of a lost robot, x, y (m) and heading (rad), frame map, (p, 3), p >= 2.
-        ends: of the walks, in the axes of the robot, (e, 2) m.
+        ends: ends of the walks, in the axes of the robot, (e, 2) m.
         world: landmarks of the map.
         look: largest distance of two descriptors of one landmark, no unit.
 
@@ -64,7 +64,7 @@ def _stranger(pose: Array, other: Array, ends: Array, world: FloorLandmarks, loo
     Args:
         pose: x, y (m), heading (rad), frame map, (3,), from which the landmarks are taken.
         other: another pose, at which they are sought, (3,).
-        ends: of the walks, in the axes of the robot, (k, 2) m.
+        ends: ends of the walks, in the axes of the robot, (k, 2) m.
         world: landmarks of the map; of more than 256 in reach a part is compared and scaled up.
         look: largest distance of two descriptors of one landmark, no unit.
     """

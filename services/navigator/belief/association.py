@@ -44,8 +44,8 @@ def sort_by(chosen: Ints, keys: Array, ties: Ints) -> None:
 
     Args:
         chosen: indices into `keys` and `ties`, (n,), reordered.
-        keys: of all elements, (m,), any unit.
-        ties: of all elements, (m,), no unit.
+        keys: keys of all elements, (m,), any unit.
+        ties: ties of all elements, (m,), no unit.
     """
     for i in range(1, chosen.size):  # by insertion: n is a few dozen
         this, j = chosen[i], i
@@ -66,12 +66,12 @@ def _nearest(
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         frame: the m detections: ranges, bearings, descriptors.
         world: landmarks of the map.
         noise: standard deviations of a detection.
-        limits: of gate, likeness and range.
-        fates: of the m detections, written; those out of the limits of range or not finite keep what they had.
+        limits: limits of gate, likeness and range.
+        fates: fates of the m detections, written; those out of the limits of range or not finite keep what they had.
     """
     m, (ranges, bearings, looks) = frame.ranges.size, frame
     chosen, kept = np.empty(m, dtype=np.int64), 0
@@ -95,7 +95,7 @@ def _one_each(chosen: Ints, fates: Fates) -> Ints:
 
     Args:
         chosen: indices of detections that match a landmark, (k,), reordered in place.
-        fates: of all m detections; the fate of those that lose their landmark becomes DOUBLED (5).
+        fates: fates of all m detections; the fate of those that lose their landmark becomes DOUBLED (5).
     """
     sort_by(chosen, fates.gap, fates.landmark)
     kept = 0
@@ -118,11 +118,11 @@ def match(
 
     Args:
         mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         frame: the m detections: ranges, bearings, descriptors.
         world: landmarks of the map.
         noise: standard deviations of range, bearing and descriptor of a detection.
-        limits: of gate, likeness, range, spread, pairs and matches.
+        limits: limits of gate, likeness, range, spread, pairs and matches.
         seed: seed of the random pairs of matches from which rigid motions are tried.
 
     Returns:
@@ -191,9 +191,9 @@ def in_view(
 
     Args:
         positions: landmarks, (n, 2) m, frame map.
-        x: of base_link, m, frame map.
-        y: of base_link, m, frame map.
-        heading: of base_link, rad, frame map.
+        x: x of base_link, m, frame map.
+        y: y of base_link, m, frame map.
+        heading: heading of base_link, rad, frame map.
         nearest: least distance, m.
         farthest: largest distance, m.
         half_angle: largest angle to either side, rad.

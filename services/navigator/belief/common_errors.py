@@ -102,7 +102,7 @@ def fill_gain(range_: float, bearing: float, height: float, gain: Array) -> None
     Args:
         range_: distance of the landmark along the floor, m.
         bearing: direction of the landmark, rad, left of the heading positive.
-        height: of the camera above the floor, m.
+        height: height of the camera above the floor, m.
         gain: written, (2, 3): columns pitch, roll (m/rad; rad/rad) and sway (m/m; rad/m); (2, 0) stays empty.
     """
     if gain.shape[1] == 0:

@@ -66,7 +66,7 @@ def misfit(x: float, y: float, c: float, s: float, place: Array, ray: Record, r:
         y: y of the pose, m, frame map.
         c: cosine of its heading.
         s: sine of its heading.
-        place: of the landmark, (2,) m, frame map.
+        place: place of the landmark, (2,) m, frame map.
         ray: one record RAY: distance (m), cosine and sine of the bearing, bearing (rad).
         r: variance of the range, m^2.
         b: variance of the bearing, rad^2.
@@ -89,7 +89,7 @@ def motion_of(
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         i: index of a match.
         j: index of another match.
         found: matches: places of landmarks and rays to them.
@@ -185,7 +185,7 @@ def _best_motion(
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         found: k matches: places of landmarks and rays to them.
         noise: standard deviations of range and bearing of a detection.
         limits: largest residual (gate) and number of pairs that are tried.
@@ -232,10 +232,10 @@ def consensus(mean: Array, cov: Array, found: Matched, noise: SightNoise, limits
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         found: k matches.
         noise: standard deviations of range and bearing of a detection.
-        limits: of gate, spread and pairs.
+        limits: limits of gate, spread and pairs.
         seed: seed of the random pairs.
     """
     inlier = np.ones(found.places.shape[0], dtype=np.bool_)

@@ -147,7 +147,7 @@ def gated(
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         place_x: x of the landmark, m, frame map.
         place_y: y of the landmark, m, frame map.
         distance: detected, m.
@@ -190,7 +190,7 @@ def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate:
 
     Args:
         mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: its covariance Sigma, (3, 3) or larger.
+        cov: covariance Sigma of `mean`, (3, 3) or larger.
         distance: detected, m.
         r: variance of the range, m^2.
         b: variance of the bearing, rad^2.
@@ -254,7 +254,7 @@ def nearest_look(
 
     Args:
         mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         distance, bearing: detected, m and rad, left of the heading positive.
         look: descriptor of the detection, (k,), no unit.
         world: landmarks of the map with their index of places.

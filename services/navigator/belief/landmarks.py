@@ -106,7 +106,7 @@ class FloorLandmarks:
             data: the rows, little-endian, one after the other.
             count: number of landmarks.
             length: elements of a descriptor.
-            version: of the map.
+            version: version of the map.
             source: origin of the map, in words.
 
         Raises:
@@ -150,7 +150,7 @@ def _sorted_by_place(positions: Array) -> tuple[Array, Ints, Ints]:
     """Return an index of landmarks by the square cells of a grid that they lie in.
 
     Args:
-        positions: of the landmarks, (n, 2) m, frame map.
+        positions: positions of the landmarks, (n, 2) m, frame map.
 
     Returns:
         x and y of the grid's corner, m, edge of a cell, m, rows, columns, (5,); first member of each cell, (rows *

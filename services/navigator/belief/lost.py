@@ -201,7 +201,7 @@ def evidence_of(
     explains, or of impossible range, does not count.
 
     Args:
-        matches: of the frame at the believed pose.
+        matches: matches of the frame at the believed pose.
         cov: covariance of that pose, x, y (m), heading (rad), (3, 3) or larger.
         seen: landmarks detected in the frame.
         world: landmarks of the map.
@@ -323,7 +323,7 @@ def echoed(
 
     Args:
         state: before the echo.
-        distance: of the echo, or the end of the reach, m.
+        distance: distance of the echo, or the end of the reach, m.
         expected: least and largest of it by the map at the believed pose, as far as its heading is known, m.
         slack: difference from these that still counts as agreement, m.
         model: shares of echoes that are as by the map, nearer, farther.

@@ -89,7 +89,7 @@ def match(
 
     Args:
         mean: believed x, y (m, frame map) and heading (rad), (3,) or longer.
-        cov: its covariance, (3, 3) or larger.
+        cov: covariance of `mean`, (3, 3) or larger.
         seen: detections of the frame.
         world: landmarks.
         noise: standard deviations of range, bearing and descriptor.
@@ -126,7 +126,7 @@ def look_alikes(matches: Matches, seen: Detections, world: FloorLandmarks, noise
         matches: fates of the detections at the believed pose.
         seen: the m detections.
         world: landmarks of the map.
-        noise: of the camera; only that of the descriptors counts.
+        noise: noise of the camera; only that of the descriptors counts.
     """
     look = MatchLimits().look(noise, world.descriptor_length)
     found = association.look_alikes(seen.looks, world.columns, look).astype(np.float64)

@@ -70,8 +70,8 @@ class MovedLandmarks:
         """Return the matches of a frame with the detections of moved landmarks counted as outliers.
 
         Args:
-            matches: of the frame at the believed pose.
-            seen: its detections.
+            matches: matches of the frame at the believed pose.
+            seen: detections of the frame.
             sight: believed pose, its covariance, noise of the camera and time at the frame.
             sure: the pose is certain, so that other places are remembered.
         """

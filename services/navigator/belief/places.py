@@ -83,7 +83,7 @@ def associate(pose: Array, loose: float, wide: float, seen: Evidence, to: Assign
     """Choose the nearest candidate of each sighting at a pose; return the number of explained sightings.
 
     Args:
-        pose: of the robot's reference frame in the map, x and y in m and heading in rad, (3,).
+        pose: pose of the robot's reference frame in the map, x and y in m and heading in rad, (3,).
         loose: variance of its heading, rad^2, added to the spread of the sightings; 0 = none.
         wide: factor of every covariance of a sighting.
         seen: sightings and their candidates.

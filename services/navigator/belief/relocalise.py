@@ -136,8 +136,8 @@ class Relocaliser:
         Args:
             seen: landmarks detected in it.
             pose: of base_link then, x, y (m) and heading (rad), in a frame that is one for all frames of the camera.
-            time: of the frame, s.
-            noise: of the camera in this frame; None = that of the constructor.
+            time: time of the frame, s.
+            noise: noise of the camera in this frame; None = that of the constructor.
 
         Raises:
             DetectionError: descriptors of another length than the map's.
@@ -219,8 +219,8 @@ def _decided(places: Array, known: int, tried: int, noise: SightNoise, limits: R
             (9).
         known: number of sightings that look like landmarks of the map.
         tried: number of poses that were tried.
-        noise: of the camera; its errors common to a frame are added to the covariance.
-        limits: of a sure pose.
+        noise: noise of the camera; its errors common to a frame are added to the covariance.
+        limits: limits of a sure pose.
     """
     places = places[np.isfinite(places[:, EVIDENCE])]
     if not len(places):

@@ -49,12 +49,12 @@ def _row_of(memory: SightingTables, x: float, y: float, cov: Array, look: Array,
 
     Args:
         memory: sightings, changed in place.
-        x: of the detection, m, frame of the memory.
-        y: of the detection, m, frame of the memory.
+        x: x of the detection, m, frame of the memory.
+        y: y of the detection, m, frame of the memory.
         cov: covariance of its place (xx, xy, yy), (3,) m^2.
-        look: its descriptor, (k,), no unit.
+        look: descriptor of the detection, (k,), no unit.
         limit: largest squared distance of two descriptors of one landmark.
-        time: of the detection, s.
+        time: time of the detection, s.
     """
     best, nearest, free = -1, limit, 0
     for i in range(memory.times.size):
@@ -95,13 +95,13 @@ def gather(
 
     Args:
         memory: sightings.
-        ranges: of the m detections along the floor, m, (m,).
-        bearings: of the detections, rad, left of the heading positive, (m,).
+        ranges: ranges of the m detections along the floor, m, (m,).
+        bearings: bearings of the detections, rad, left of the heading positive, (m,).
         looks: descriptors of the detections, (m, k), no unit.
-        pose: of base_link then, x, y in m and heading in rad, frame of the memory, (3,).
+        pose: pose of base_link then, x, y in m and heading in rad, frame of the memory, (3,).
         noise: standard deviations of range and bearing.
         look: largest distance of two descriptors of one landmark, no unit.
-        time: of the frame, s.
+        time: time of the frame, s.
     """
     cov = np.empty(3)
     for d in range(ranges.size):
@@ -162,7 +162,7 @@ class SightingMemory:
     """Memory of the sightings of a lost robot, each averaged over several frames.
 
     Args:
-        noise: of the camera, with the errors that are common to a frame.
+        noise: noise of the camera, with the errors that are common to a frame.
         length: elements of a descriptor.
     """
 
@@ -179,11 +179,11 @@ class SightingMemory:
         """Enter the detections of a frame; those that are not finite or out of range are left out.
 
         Args:
-            seen: its detections.
-            pose: of base_link then, x, y in m and heading in rad, frame of the memory; nothing is entered where
+            seen: detections of the frame.
+            pose: pose of base_link then, x, y in m and heading in rad, frame of the memory; nothing is entered where
                 it is not finite.
-            time: of the frame, s.
-            noise: of the camera in this frame; None = that of the constructor.
+            time: time of the frame, s.
+            noise: noise of the camera in this frame; None = that of the constructor.
         """
         shortest, longest = MatchLimits().shortest, MatchLimits().longest
         good = np.isfinite(seen.ranges) & np.isfinite(seen.bearings) & np.isfinite(seen.looks).all(axis=1)

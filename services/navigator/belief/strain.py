@@ -118,7 +118,7 @@ def lines_of(places: Array, rays: Array, pose: Array, noise: SightNoise, height:
     """Write the linear equations by which the k matches of a frame show strain, turn and displacement.
 
     Args:
-        places: of the landmarks, (k, 2) m, frame map.
+        places: places of the landmarks, (k, 2) m, frame map.
         rays: range, m, and bearing, rad, left of the heading positive, at which each is seen, (k, 2).
         pose: believed x, y, m, and heading, rad, frame map, (3,).
         noise, height: noise of the camera; its height above the floor, m.
@@ -161,7 +161,7 @@ def passed(mean: Array, cov: Array, centre: Array, sds: Array, keeps: Array) -> 
 
     Args:
         mean: strain (3, no unit), turn of the camera (3, rad), errors that fade (rad, rad, m), pose (m, m, rad), (12,).
-        cov: its covariance, (12, 12).
+        cov: covariance of `mean`, (12, 12).
         centre, sds: means and standard deviations in the long run, (12,), units of `mean`.
         keeps: share of each state that stays, (12,), 0 to 1.
     """
@@ -280,8 +280,8 @@ class MapStrain:
             seen: landmarks detected in it.
             world: landmarks of the map.
             pose, cov: believed x, y, m, and heading, rad, frame map; its covariance, (3, 3) or larger.
-            noise: of the camera, with the common errors.
-            time: of the frame, s.
+            noise: noise of the camera, with the common errors.
+            time: time of the frame, s.
         """
         far, aside = self.model.wider
         share, bearing = math.hypot(noise.range_share, far), math.hypot(noise.bearing_sd, aside)

@@ -84,10 +84,10 @@ class PoseTracker:
 
     Args:
         start: uncertainty of a stated pose.
-        noise: of the camera while walking.
+        noise: noise of the camera while walking.
         standing: noise of the camera while the robot stands.
         shared: errors that the landmarks of a frame have in common; None = there are none.
-        limits: of matching detections with landmarks; None = the defaults.
+        limits: limits of matching detections with landmarks; None = the defaults.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class PoseTracker:
 
         Args:
             pose: x, y in m, heading in rad, frame map.
-            cov: its covariance, (3, 3); None = as in `start`.
+            cov: covariance of `pose`, (3, 3); None = as in `start`.
             keep_drift: the estimated drift of the heading, rad per m walked, is kept.
         """
         drift, variance = float(self.mean[3]), float(self.cov[3, 3])
@@ -218,7 +218,7 @@ class PoseTracker:
 
         Args:
             seen: landmarks detected in the frame.
-            time: of the exposure's end, s.
+            time: time of the exposure's end, s.
             standing: the robot stands, so the camera's noise is that of a standing robot.
             trusted: the belief is corrected; else the frame is only compared with it.
 
@@ -259,7 +259,7 @@ class PoseTracker:
         Args:
             world: landmarks; those of another map begin without uses.
             landmark: row of `world`.
-            time: of the frame, s.
+            time: time of the frame, s.
             own: variances of range and bearing in one sighting by itself, m^2 and rad^2.
             common: variances by the error of the landmark's place in the map, equal in every sighting, m^2 and rad^2.
         """

@@ -63,7 +63,7 @@ def _run(
         model: actions and scene.
         run: seed of the series of episodes.
         start: number of the first episode.
-        state: of an episode, overwritten.
+        state: state of an episode, overwritten.
         rooms: scratch of the episode and of the decision.
         results: written, (count,) records with the fields of `RESULT`.
     """

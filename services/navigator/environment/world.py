@@ -66,7 +66,7 @@ def begin(scene: Record, run: int, episode: int, state: EpisodeState) -> None:
         scene: record of the scene, SI units, angles in rad.
         run: seed of a series of episodes.
         episode: number of the episode; seed and number determine all draws.
-        state: of the episode, overwritten.
+        state: state of the episode, overwritten.
     """
     truth, mean, cov, rng, n = state.truth, state.mean, state.cov, state.rng, state.mean.size
     seed(rng, run, episode, FLOOR)
@@ -142,8 +142,8 @@ def tilt_gain(range_: float, bearing: float, height: float, gain: Array) -> None
 
     Args:
         range_: distance of the landmark along the floor, m.
-        bearing: of the landmark, rad, left of the heading positive.
-        height: of the camera above the floor, m.
+        bearing: bearing of the landmark, rad, left of the heading positive.
+        height: height of the camera above the floor, m.
         gain: written, (2, 2): columns roll, pitch; rows range (m/rad), bearing (rad/rad).
     """
     c, s = math.cos(bearing), math.sin(bearing)
@@ -158,9 +158,9 @@ def age_nuisances(mean: Array, cov: Array, keep: float, variance: float) -> None
 
     Args:
         mean: belief, (n,): four states of pose and drift, then these errors (rad).
-        cov: its covariance, (n, n).
+        cov: covariance of `mean`, (n, n).
         keep: share of an error that stays, 0 to 1.
-        variance: of an error in the long run, rad^2.
+        variance: variance of an error in the long run, rad^2.
     """
     n = mean.size
     for i in range(NUISANCE, n):
@@ -178,7 +178,7 @@ def _recognised(scene: Record, action: Record, state: EpisodeState, work: Array)
     Args:
         scene: record of the scene: walls, m.
         action: record of the action: sector in view (m, rad), probability that a landmark in it is recognised.
-        state: of the episode; its random stream advances.
+        state: state of the episode; its random stream advances.
         work: scratch, (128 or more, any); indices of landmarks are written.
     """
     truth, marks, first = state.truth, state.marks, state.first
@@ -211,7 +211,7 @@ def look(scene: Record, action: Record, state: EpisodeState, room: EpisodeRoom) 
     Args:
         scene: record of the scene: camera, most landmarks of a frame.
         action: record of the action: sector in view, noise of range (m) and bearing (rad).
-        state: of the episode; its belief and random stream change.
+        state: state of the episode; its belief and random stream change.
         room: scratch.
     """
     truth, mean, marks, rng = state.truth, state.mean, state.marks, state.rng
@@ -276,7 +276,7 @@ def _frames_of(scene: Record, action: Record, state: EpisodeState, room: Episode
     Args:
         scene: record of the scene, SI units, angles in rad.
         action: record of the action, SI units, angles in rad.
-        state: of the episode.
+        state: state of the episode.
         room: scratch.
     """
     frames, late = int(action.frames), int(action.late)
@@ -316,7 +316,7 @@ def act(model: ModelTables, run: int, episode: int, chosen: int, state: EpisodeS
         run: seed of the series of episodes.
         episode: number of the episode.
         chosen: index of the action.
-        state: of the episode, changed: truth, belief and counters are carried over the action.
+        state: state of the episode, changed: truth, belief and counters are carried over the action.
         room: scratch.
     """
     scene, action, status = model.scene[0], model.actions[chosen], state.status

@@ -256,8 +256,8 @@ def nearest_free(free: Flags, row: float, col: float) -> tuple[int, int, float]:
 
     Args:
         free: True where a cell may be taken, (rows, cols).
-        row: of the place, in cells; whole at the centre of a cell.
-        col: of the place, in cells; whole at the centre of a cell.
+        row: row of the place, in cells; whole at the centre of a cell.
+        col: column of the place, in cells; whole at the centre of a cell.
 
     Returns:
         Row, column (0, 0 if there is none), distance in cells (inf if there is none).

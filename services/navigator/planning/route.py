@@ -57,7 +57,7 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     """Return the cheapest route from start to goal.
 
     Args:
-        costs: of walking over the cells of a floor.
+        costs: costs of walking over the cells of a floor.
         start: x, y in m, frame map.
         goal: x, y in m, frame map.
         limits: distance of waypoints and of the start from free ground; None = the defaults.

@@ -110,7 +110,7 @@ class SeenObstacles:
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
             half: half angle of its cone, rad.
-            distance: of the echo, m.
+            distance: distance of the echo, m.
             now: simulated time, s.
         """
         again = self._inside(at, half if distance > CLOSE else 0.5 * half, distance + SLACK)  # nearer ones are cleared
@@ -123,7 +123,7 @@ class SeenObstacles:
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
             half: half angle of the arc, rad.
-            distance: of the echo, m.
+            distance: distance of the echo, m.
             now: simulated time, s.
         """
         grid, reach = self.grid, distance + 0.5 * self.grid.cell

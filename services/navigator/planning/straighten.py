@@ -14,9 +14,9 @@ def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> floa
     Args:
         weight: cost factors (0 = blocked, low 7 bits 4 to 16), padded by a frame of zeros, (rows + 2, cols + 2).
         r0: row of the beginning in padded cells, cell i reaches from i to i + 1.
-        c0: its column.
+        c0: column of the beginning.
         r1: row of the end.
-        c1: its column.
+        c1: column of the end.
     """
     r, c, last_r, last_c = int(r0), int(c0), int(r1), int(c1)
     dr, dc = r1 - r0, c1 - c0

@@ -109,7 +109,7 @@ def features(mean: Array, cov: Array, gx: float, gy: float) -> tuple[float, floa
 
     Args:
         mean: believed x, y (m), heading (rad) and more, frame map, (n,).
-        cov: its covariance, (n, n).
+        cov: covariance of `mean`, (n, n).
         gx: x of the goal, m, frame map.
         gy: y of the goal, m, frame map.
     """
@@ -128,9 +128,9 @@ def _by_hand(
 
     Args:
         policy: thresholds of the rules, and share of the bearing.
-        actions: of the model, a record each: kind, forward (m), turn (rad) are read, (A,).
+        actions: actions of the model, a record each: kind, forward (m), turn (rad) are read, (A,).
         d: distance of the goal, m.
-        phi: its bearing, rad, left positive.
+        phi: bearing of the goal, rad, left positive.
         h: entropy of the belief, nats.
         drift: believed turn per distance walked, rad/m.
         values: written, (A,), no unit.
@@ -313,7 +313,7 @@ def _planned(
         policy: table of values, shares of the spread, weight of the gain.
         model: actions, and time that a change of their kind costs.
         mean: believed x, y (m), heading (rad), frame map, drift (rad per m), (n,).
-        cov: its covariance, (n, n).
+        cov: covariance of `mean`, (n, n).
         gx: x of the goal, m, frame map.
         gy: y of the goal, m, frame map.
         last: kind of the last action: 0 stand, 1 turn, 2 walk.
@@ -356,7 +356,7 @@ def choose(
         policy: policy whose rule or table decides.
         model: actions and scene; goal radius and limits are read.
         mean: belief, (n,): x, y in m and heading in rad, frame map, then the drift in rad per m.
-        cov: its covariance, (n, n).
+        cov: covariance of `mean`, (n, n).
         gx: x of the goal, m, frame map.
         gy: y of the goal, m, frame map.
         status: record of counters; last action, stands and turns in a row, blocked (a wall is close ahead) are read.

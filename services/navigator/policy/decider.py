@@ -85,7 +85,7 @@ class Decider:
 
         Args:
             mean: x, y (m), heading (rad), and from n = 4 on the drift (rad per m), frame map, (n,).
-            cov: its covariance, (n, n).
+            cov: covariance of `mean`, (n, n).
             goal: x, y in m, frame map.
             blocked: a wall is close ahead, only turns are allowed.
         """
@@ -151,7 +151,7 @@ def hand(
 
     Args:
         world: the model's arrays.
-        name: of the policy.
+        name: name of the policy.
         turn_deg: deg, it turns to a goal farther aside than this.
         stand_above: nats, it stands while the entropy of the belief is above this.
         slope: nats per m of distance to the goal, added to `stand_above`.

@@ -90,7 +90,7 @@ def parse(content: bytes, name: str, where: str, actions: tuple[str, ...] | None
 
     Args:
         content: bytes of the file.
-        name: of the policy, where the file has none.
+        name: name of the policy, where the file has none.
         where: path or source, for the message of an error.
         actions: names that its actions must have, in this order; None = any.
 

@@ -43,7 +43,7 @@ def add_values(
         table: action values by layer, distance, bearing and action, (nl, nd, nphi, A) s.
         grid: distance of the first and last row (m), value of the first and last layer, mirrored (1, -1 or 0), value
             that each m beyond the last row adds, (6,).
-        actions: of the model, records whose `mirror` is the index of the action to the other side, (A,).
+        actions: actions of the model, records whose `mirror` is the index of the action to the other side, (A,).
         d: distance of the goal, m.
         phi: bearing of the goal, rad.
         layer: third coordinate of the table: drift, rad per m, or entropy of the belief, nats.

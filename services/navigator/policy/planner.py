@@ -60,7 +60,7 @@ def _motions(actions: Record, drift: float, samples: Array, moved: Array) -> Non
     """Write the motion of each action and noise sample: forward and left, m, and turn, rad, into `moved` (A, k, 3).
 
     Args:
-        actions: of the model, a record each: distance, turn and variances of the motion are read, (A,).
+        actions: actions of the model, a record each: distance, turn and variances of the motion are read, (A,).
         drift: turn per distance walked, rad per m.
         samples: standard normal deviations along, across and of the heading, (k, 3).
         moved: written, in the axes of the robot before the action.
@@ -115,7 +115,7 @@ def _sweep(v: Array, q: Array, actions: Record, switching: Array, room: PlanRoom
     Args:
         v: values of a state by kind of the last action, drift, distance and bearing, (groups, nb, nd, nphi) s, changed.
         q: values of its actions, before the cost of changing the kind, (nb, nd, nphi, A) s, changed.
-        actions: of the model, a record each, (A,).
+        actions: actions of the model, a record each, (A,).
         switching: time that an action of kind j costs after kind i (0 stand, 1 turn, 2 walk), (3, 3) s.
         room: constants of the iteration.
     """

@@ -89,12 +89,12 @@ def slab(
     """Return a box whose top face has the given height over its middle (x, y).
 
     Args:
-        x: of the middle of the top face, m, map.
-        y: of it, m.
-        height: of it, m.
+        x: x of the middle of the top face, m, map.
+        y: y of the middle of the top face, m.
+        height: height of the top face, m.
         slope: rise per metre along x and y of the box.
         depth: half the thickness, m.
-        edges: of the top face seen from above, along x and y of the box, m.
+        edges: lengths of the edges of the top face seen from above, along x and y of the box, m.
         yaw: heading of the box's x, rad.
     """
     slope_x, slope_y = slope
@@ -117,8 +117,8 @@ def box_heights(box: TerrainBox, x: Array, y: Array) -> Array:
 
     Args:
         box: may be turned in any way.
-        x: of the points, m, map, any shape that broadcasts with `y`.
-        y: of the points, m, map.
+        x: x of the points, m, map, any shape that broadcasts with `y`.
+        y: y of the points, m, map.
 
     Returns:
         Heights in the shape to which `x` and `y` broadcast, m.

@@ -180,8 +180,8 @@ def inside(outline: Outline, x: Array, y: Array) -> NDArray[np.bool_]:
 
     Args:
         outline: corners of the floor, (x, y) m, map; its edges run along x and y.
-        x: of the points, m, any shape that broadcasts with `y`.
-        y: of the points, m.
+        x: x of the points, m, any shape that broadcasts with `y`.
+        y: y of the points, m.
 
     Returns:
         Flags in the shape to which `x` and `y` broadcast.

@@ -31,7 +31,7 @@ def find_ground(name: str, seed: int, amplitude: float | None) -> Terrain:
     Args:
         name: kind of a generated terrain, or path of a height map with a known suffix.
         seed: seed of a generated terrain.
-        amplitude: of a generated terrain's relief, m; None = that of the kind.
+        amplitude: amplitude of a generated terrain's relief, m; None = that of the kind.
 
     Raises:
         TerrainError: the name is neither a kind nor a readable file.
@@ -55,7 +55,7 @@ def perturbation(level: float, seed: int, nj: int, kind: str = "hexapod") -> Per
         level: factor on all differences, >= 0; 0 = as described.
         seed: seed of the draws.
         nj: number of joints.
-        kind: of the robot; a biped also gets servo zero errors and a floor that is not level.
+        kind: kind of the robot; a biped also gets servo zero errors and a floor that is not level.
     """
     if level == 0.0:
         return Perturbation()

@@ -157,8 +157,8 @@ def paint(terrain: Terrain, name: str, width: float, light: float, seed: int) ->
 
     Args:
         terrain: the ground; level.
-        name: of a procedural texture (random, carpet, tiles, parquet, laminate), or path of a picture.
-        width: of a picture on the floor, m.
+        name: name of a procedural texture (random, carpet, tiles, parquet, laminate), or path of a picture.
+        width: width of a picture on the floor, m.
         light: brightness, 1 = as usual.
         seed: seed of a procedural texture.
 

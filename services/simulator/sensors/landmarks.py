@@ -229,7 +229,7 @@ def on_level_floor(pose: CameraPose, local: Array, height: float) -> tuple[float
     """Return the place of a point on the floor, computed as if the trunk were level: forward and left of base_link, m.
 
     Args:
-        pose: of the camera; its place and direction in base_link count.
+        pose: pose of the camera; its place and direction in base_link count.
         local: (3,) the point in camera axes, m; its direction counts.
         height: height of base_link over the floor, m.
 

@@ -20,7 +20,7 @@ class SensorSuite:
 
     Args:
         robot: the description; read only.
-        profile: of the inertial unit, or its name; None = the robot's own; "ideal" = exact.
+        profile: profile of the inertial unit, or its name; None = the robot's own; "ideal" = exact.
         rate_hz: rate of the inertial samples, Hz.
         seed: seed of all sensors.
         torque_per_ampere: true constant of the servo motors, Nm/A; None = as described.

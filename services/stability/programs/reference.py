@@ -124,8 +124,8 @@ def nearest_border(r: Reduced, fan: Fan, count: int, x: float, y: float) -> tupl
         r: cone programs of the contact set.
         fan: answers of the region in its first `count` directions; it is not changed.
         count: number of answers.
-        x: of the point p.
-        y: of the point p.
+        x: x of the point p.
+        y: y of the point p.
 
     Raises:
         StabilityError: no_convergence, by field `contacts`.

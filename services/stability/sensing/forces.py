@@ -93,7 +93,7 @@ def gain_from_weight(robot: Robot, joints: Array, torque: Array, g_up: Array, st
     (sum [J^-T G]_z - m g) / sum [J^-T tau]_z.
 
     Args:
-        robot: its mass is m.
+        robot: description of the robot, whose mass is m.
         joints: angles, (nj,) rad.
         torque: tau as measured, (nj,) Nm.
         g_up: upward specific force at rest, base_link, (3,) m/s^2; its length is g.
@@ -184,7 +184,7 @@ def leg_forces_of(
     Args:
         model: links and joints of the robot.
         rot: orientations of its links, (n, 3, 3), base_link from link.
-        pos: their origins in base_link, (n, 3) m.
+        pos: origins of the links in base_link, (n, 3) m.
         g_up: upward specific force at rest, base_link, (3,) m/s^2.
         radius: radii of the foot spheres, (L,) m.
         torque: torques of the servos, (nj,) Nm.

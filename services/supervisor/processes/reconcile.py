@@ -55,7 +55,7 @@ class Observed:
         unhealthy_since: when health was last lost while running, None before that.
         stopping_since: when SIGTERM was sent, None before that.
         killed: True if SIGKILL was sent.
-        exit_code: of the exited process, negative for a signal; None before its end.
+        exit_code: exit code of the exited process, negative for a signal; None before its end.
         failures: ends (or losses of health) in a row, this one included.
         progress: last sign of progress while starting; the start period counts from there. None: from `since`.
         why: in words, which signs of life of an unhealthy process are missing.

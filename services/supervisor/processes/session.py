@@ -290,7 +290,7 @@ class Session:
         """Request a new run from the simulator as soon as it answers; other services may still be starting.
 
         Args:
-            request: of the run; the services that it expects are filled in.
+            request: request of the run; the services that it expects are filled in.
             patience_s: wall time until a driver must be there, s.
 
         Raises:

@@ -38,7 +38,7 @@ def preview_gains(height: float, dt: float) -> PreviewGains:
     """Return the gains of the preview controller: the discrete Riccati equation solved by doubling, then unrolled.
 
     Args:
-        height: of the CoM over the ground, m.
+        height: height of the CoM over the ground, m.
         dt: control tick, s.
     """
     a = np.array([[1.0, dt, dt * dt / 2.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
@@ -88,7 +88,7 @@ def preview_step(gains: PreviewGains, x: Array, error: Array, reference: Array, 
     """Advance the planned CoM by one tick in both axes: x and error are changed in place.
 
     Args:
-        gains: of the preview controller.
+        gains: gains of the preview controller.
         x: (3, 2) CoM position m, velocity m/s, acceleration m/s^2 (rows) in x and y (columns), odom.
         error: (2,) sums of the ZMP error in x and y, m.
         reference: ZMP (zero-moment point), (n, 2) m, odom, one row per tick; beyond its end the last row holds.

@@ -61,9 +61,9 @@ def outputs(
     Args:
         s: state.
         soles: (2, 4) soles now: x, y, yaw, height, m and rad, odom; changed to the landing of a foot in swing.
-        phase: of the present step, 0..1.
+        phase: phase of the present step, 0..1.
         double: True if both feet stand in the present step.
-        height: of base_link, m.
+        height: height of base_link, m.
         ends: time until the last planned step lands, s; None = no command is under way, or unknown.
     """
     route = s.route if s.late is None else s.late.route

@@ -82,7 +82,7 @@ def _correct_tilt(state: WalkerState, gain: float, xy: Array, gaps: Array) -> No
     """Learn a constant error of the estimated tilt: gaps that grow forward mean a nose higher than estimated.
 
     Args:
-        state: of the walker; `tilt_offset` is changed.
+        state: state of the walker; `tilt_offset` is changed.
         gain: share of the found error that is learned.
         xy: places of the standing feet from the trunk, axes of the map, (n, 2) m.
         gaps: height of a foot centre on the map's ground less that of the planned foot, (n,) m.

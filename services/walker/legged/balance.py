@@ -153,10 +153,10 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
     these feet, or a part of that margin where the hull has no room.
 
     Args:
-        state: of the walker; not changed.
+        state: state of the walker; not changed.
         frame: robot, settings, ground.
         legs: that will swing.
-        place: of the trunk at the end of the step without leaning, map.
+        place: place of the trunk at the end of the step without leaning, map.
     """
     s, model = state, frame.robot.model
     standing = [i for i in range(frame.robot.nlegs) if i not in legs]

@@ -227,7 +227,7 @@ def complete(
         feet: foot centres before the step, frame map, (L, 3) m.
         feet_to: foot centres after it, (L, 3) m.
         swings: swept ground (n, 13), NaN = unknown, and height of the level part (n,) of each swing, m.
-        status: of the foothold of each leg.
+        status: status of the foothold of each leg.
     """
     n, params, (swept, highest) = feet.shape[0], frame.params, swings
     feet_to = feet_to.copy()

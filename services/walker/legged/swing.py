@@ -221,7 +221,7 @@ def targets(
     """Return foot centres of all legs in this tick, (L, 3) m, map, and the share of each in the load, 0..1, (L,).
 
     Args:
-        paths: of all feet in the step.
+        paths: paths of all feet in the step.
         landed: feet on the ground, (L,).
         v: swing phase.
         present: foot centres of the last tick, (L, 3) m.
