@@ -74,7 +74,7 @@ def on_images(world: str, arm: str, texture: str, seed: int, record: str = "") -
         world: map of the floor's features, a file.
         arm: policy and actions, of `goals.ARMS`.
         texture: name of the floor's texture.
-        seed: seed of everything random but the floor.
+        seed: seed of all random numbers but those of the floor.
         record: folder for the recording; empty = there is none.
     """
     scenario = from_elsewhere(Path(world), arm, texture, seed)

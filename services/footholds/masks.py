@@ -147,8 +147,8 @@ def gradient(z: Layer, cell: float, row: int, col: int) -> tuple[float, float]:
     Args:
         z: heights, (ny, nx) m, row along y, column along x, NaN = unknown.
         cell: edge of a cell, m.
-        row: of the middle; at the border of the map the slope is unknown.
-        col: of the middle.
+        row: row of the middle cell; at the border of the map the slope is unknown.
+        col: column of the middle cell.
     """
     ny, nx = z.shape
     if row < 1 or col < 1 or row >= ny - 1 or col >= nx - 1:
@@ -170,7 +170,7 @@ def _cuts(ground: _HeightGrid, a: Vector, b: Vector, first: float, radius: float
         a: one end, map frame, m.
         b: the other end, map frame, m.
         first: share of the way from a to b that is left out.
-        radius: of the leg, m, measured vertically.
+        radius: radius of the leg, m, measured vertically.
     """
     ax, ay, az = a
     bx, by, bz = b

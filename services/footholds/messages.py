@@ -61,7 +61,7 @@ def select_params(
 
     Args:
         request: with the mode, and the seed of mode `random`.
-        params: of the choice, by configuration.
+        params: parameters of the choice of footholds, by configuration.
         explore: share of the choices in mode `robust` that are drawn at random.
         draw: seed of that draw, and number of the choice.
 

@@ -60,12 +60,12 @@ def _arc(r: float, z: float, cos: float, sin: float, femur: float, tibia: float)
     """Return the distance of (r, z) from the arc of the foot with the femur at one limit, m; inf beyond its ends.
 
     Args:
-        r: of the foot, along the leg's plane from the femur joint, m.
-        z: of the foot, up from the femur joint, m.
+        r: coordinate of the foot along the leg's plane from the femur joint, m.
+        z: height of the foot over the femur joint, m.
         cos: cosine of the femur's limit angle.
         sin: sine of the femur's limit angle.
-        femur: length, m.
-        tibia: length, m.
+        femur: length of the femur, m.
+        tibia: length of the tibia, m.
     """
     ex, ez = r - femur * cos, z - femur * sin
     if cos * ez - sin * ex > 0.0:  # the nearest point of the circle has its knee down

@@ -96,12 +96,12 @@ def _from_arc(
     """Return the distance of (u, v) from the arc of the foot with the femur at one limit, m; inf beyond its ends.
 
     Args:
-        u: of the foot in the plane of femur and tibia, along the first axis from the femur joint, m.
-        v: of the foot across it, m.
+        u: coordinate of the foot in the plane of femur and tibia, first axis from the femur joint, m.
+        v: coordinate of the foot in that plane, second axis, m.
         cos: cosine of the femur's limit angle, counted from v towards u.
         sin: sine of the femur's limit angle.
-        femur: length, m.
-        tibia: length, m.
+        femur: length of the femur, m.
+        tibia: length of the tibia, m.
         bend: side to which the knee bends, 1 or -1.
     """
     eu, ev = u - femur * sin, v - femur * cos

@@ -37,7 +37,7 @@ class PlannedSteps:
             request: steps with the pose of the trunk and the legs that land.
             ground: layers of the map.
             model: predicts the slip.
-            params: of the choice; mode and random cells are those of the request.
+            params: parameters of the choice; mode and random cells are those of the request.
 
         Raises:
             Refusal: a leg that the robot does not have, or too many batches wait.

@@ -160,7 +160,7 @@ def _gate(
     Args:
         places: places of the picture's n features, forward and left of base_link, (n, 2) m.
         world: map of features.
-        belief: of the pose; None = none: all may be all.
+        belief: believed pose; None = none: every map feature is a candidate.
         params: width of the gate.
 
     Returns:

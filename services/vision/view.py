@@ -139,7 +139,7 @@ def from_above(image: CameraImage, pixels: Greys, base: FloorPose, patch: Patch)
 
     Args:
         image: message of the image, with the camera's place.
-        pixels: its greys, (height, width).
+        pixels: greys of the image, (height, width).
         base: pose of base_link over the floor.
         patch: part of the floor that the picture shows.
 

@@ -141,7 +141,7 @@ def _correct(state: BestState, z: Array, by: Array, noise: Array) -> float:
     Args:
         state: state of the filter, or one hypothesis, whose error has n numbers; changed.
         z: innovation, estimate minus sample, (3,), m, rad or m/s.
-        by: its derivative by the error, (3, n).
+        by: derivative of the innovation by the error, (3, n).
         noise: covariance of the sample, (3, 3), unit of z squared.
     """
     cov, n = state.cov, state.cov.shape[0]
@@ -191,7 +191,7 @@ def _fits(state: BestState, z: Array, by: Array, noise: Array) -> bool:
     Args:
         state: state of the filter, or one hypothesis, whose error has n numbers.
         z: innovation, estimate minus sample, (3,), m, rad or m/s.
-        by: its derivative by the error, (3, n).
+        by: derivative of the innovation by the error, (3, n).
         noise: covariance of the sample, (3, 3), unit of z squared.
     """
     total = _spread(state.cov, by, noise)[1]

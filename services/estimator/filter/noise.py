@@ -372,7 +372,7 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
     """Return the noises of the filter.
 
     Args:
-        params: of sensors and geometry.
+        params: parameters of sensors and geometry.
         modes: True: hypotheses about sliding feet are carried through time (`hypotheses`); False: each sample is mixed.
     """
     root, point = math.sqrt(1e-9 * params.imu_period_ns), max(params.sigma_point, FIXED.least_point)

@@ -107,7 +107,7 @@ def observe(
     Args:
         state: state of the filter, or one hypothesis; changed.
         k: index of the point.
-        y: its place from the IMU by the encoders, IMU axes, (3,) m.
+        y: place of the point from the IMU by the encoders, IMU axes, (3,) m.
         contact: probability that it touches the ground.
         dt: time since the last sample, s.
         noise: noises and rates of the filter.

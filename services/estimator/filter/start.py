@@ -233,7 +233,7 @@ def shown_noise(rows: Array, mean: Array, stated: float) -> float:
 
     Args:
         rows: samples of one sensor at rest, (n, 3), rad/s or m/s^2.
-        mean: their mean, (3,), unit of `rows`.
+        mean: mean of `rows`, (3,), in their unit.
         stated: standard deviation of one sample as stated, unit of `rows`.
     """
     least, most, total = math.inf, 0.0, 0.0

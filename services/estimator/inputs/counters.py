@@ -54,8 +54,8 @@ class InputCheck:
         """Count the result of a sample and return it.
 
         Args:
-            source: of the sample, `imu` or `kinematics` (joints or feet).
-            result: of its check.
+            source: source of the sample, `imu` or `kinematics` (joints or feet).
+            result: result of the sample's check.
             stamp_ns: stamp of the sample, ns.
         """
         count_result(self.state, SOURCES.index(source), RESULTS.index(result), bounded(stamp_ns))

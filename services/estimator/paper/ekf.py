@@ -32,9 +32,9 @@ def correct(x: Array, p: Array, measured: Array, sigma: float) -> tuple[Array, A
 
     Args:
         x: state (g, v), (6,), m/s^2 and m/s, IMU axes: specific force at rest and velocity of the IMU.
-        p: its covariance P, (6, 6).
+        p: covariance P of the state, (6, 6).
         measured: v^KG, velocity of the IMU by the legs and the gyro, IMU axes, (3,) m/s.
-        sigma: its standard deviation per axis, m/s.
+        sigma: standard deviation of the velocity per axis, m/s.
 
     Returns:
         x (6,), P (6, 6) symmetric, and the normalised innovation squared, 3 degrees of freedom.

@@ -166,7 +166,7 @@ def predict(
 
     Args:
         x: state before it, (6,); g m/s^2, v m/s, IMU axes.
-        p: its covariance P, (6, 6).
+        p: covariance P of the state, (6, 6).
         w: gyro, IMU axes, (3,) rad/s.
         q: accelerometer, IMU axes, (3,) m/s^2.
         d: length of the step, s.

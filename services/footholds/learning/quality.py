@@ -102,7 +102,7 @@ def slip_interval(mean: Array, sd: Array, share: float = SHARE, least: float = L
 
     Args:
         mean: mean of the distributions, (n,), slip per stroke.
-        sd: their standard deviations, (n,), slip per stroke.
+        sd: standard deviations of the distributions, (n,), slip per stroke.
         share: share of the slips in the interval, 0 to 1.
         least: smallest slip per stroke.
     """

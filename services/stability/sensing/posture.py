@@ -56,7 +56,7 @@ def hold_feet(model: KinematicModel, joints: Array, move: Array, stance: Flags) 
     Args:
         model: links and joints of the robot.
         joints: present angles, (nj,) rad.
-        move: of the trunk, (3,) m, base_link axes.
+        move: movement of the trunk, (3,) m, base_link axes.
         stance: True for feet on the ground, (L,).
 
     Returns:

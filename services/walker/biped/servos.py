@@ -24,10 +24,10 @@ class SetPoints:
 
     Args:
         robot: the robot.
-        geometry: of its legs.
+        geometry: geometry of the robot's legs.
         params: crouch and lean of the stance.
         feet: (2, 4) x, y, yaw, height of the soles under the hips, m and rad, origin between them.
-        middle: (2,) m, where the CoM is over them at rest.
+        middle: horizontal position of the CoM at rest over the soles, (2,) m, from the origin of `feet`.
     """
 
     def __init__(self, robot: Robot, geometry: LegGeometry, params: BipedParams, feet: Array, middle: Array) -> None:
