@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import time
 from contextlib import suppress
 
 M_ARENA_MAX = -8
@@ -11,6 +12,11 @@ ARENAS = 2
 """Number of malloc heaps that a process may have. By default its threads share eight for each core, and each keeps what
 the messages of a peer needed at most: 20 MB after 25 restarts of a peer. The bus has two busy threads; more heaps make
 nothing faster."""
+
+
+APART_S = 5.0
+"""Least time between two returns of memory, s: each takes some milliseconds, and processes may come by the hundred."""
+_returned_s = [-APART_S]
 
 
 def share_heaps() -> None:
@@ -26,8 +32,14 @@ def share_heaps() -> None:
 def hand_back() -> None:
     """Return the pages of freed memory that glibc keeps to the operating system; does nothing with another C library.
 
+    At most once in `APART_S`; calls in between do nothing.
+
     When a process ends, the processes that exchanged messages with it each keep about 0.1 MB of freed memory in their
     heaps, which the C library would never return.
     """
+    now = time.monotonic()
+    if now - _returned_s[0] < APART_S:
+        return
+    _returned_s[0] = now
     with suppress(AttributeError):  # no malloc_trim
         ctypes.CDLL(None).malloc_trim(0)

@@ -173,6 +173,7 @@ class Guard:
         self._secret = secret
         self._names, self._services = set[str](), set[str]()
         self._drivers: dict[str, None] = {}
+        self._crowded = False
         self._newest: dict[str, int] = {}
         """Time of the newest sealed message of each key, ns of monotonic time."""
         self._forged: dict[str, int] = {}
@@ -184,9 +185,10 @@ class Guard:
             self._services.add(service)
         elif service == DRIVER and len(instance) == DRAWN + BORN + SEAL and instance[:1] == "f":
             self._drivers[instance] = None
-            if len(self._drivers) > MOST_KNOWN:
+            if len(self._drivers) > MOST_KNOWN:  # no system has as many: somebody hides the driver among them
                 self._drivers.pop(next(iter(self._drivers)), None)
-        if not self._names.isdisjoint(self._drivers):
+                self._crowded = True
+        if not self._names.isdisjoint(self._drivers) or (self._crowded and self._names):
             self._services.add(DRIVER)
 
     def passes(self, owner: str, message: Sealed) -> bool:

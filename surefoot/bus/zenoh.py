@@ -25,7 +25,7 @@ from surefoot.bus.options import client_options as client_options
 from surefoot.bus.options import reading_threads, why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
-from surefoot.bus.replies import LARGE, WAITING, Replies
+from surefoot.bus.replies import WAITING, Replies
 from surefoot.bus.seals import ASKED, Asked, Guard, Sealed, as_digits, born_ms, sealed_name, without_seal
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
@@ -50,7 +50,7 @@ class ZenohIncoming:
         key: key on which the query came.
         asked: Zenoh's object of the query.
         secret: secret of the system, by which answers are sealed; empty = none.
-        replies: queue for large replies; None for a participant, which is answered at once.
+        replies: threads that send replies; None for a participant, which is answered at once.
     """
 
     def __init__(
@@ -75,9 +75,7 @@ class ZenohIncoming:
 
     def reply(self, reply: Wire) -> None:
         payload, attachment = encode(reply)
-        if self._replies is None or len(payload) < LARGE:
-            self._answer(payload, attachment, encoding_of(type(reply)))
-        elif not self._replies.put(lambda: self._answer(payload, attachment, encoding_of(type(reply))), len(payload)):
+        if not self._later(partial(self._answer, payload, attachment, encoding_of(type(reply))), len(payload)):
             self.fail(
                 Refusal("busy", f"{self.query.key}: {WAITING} large replies are queued already; request it again later")
             )
@@ -86,10 +84,17 @@ class ZenohIncoming:
         payload = encode(error.reply())[0]
         seal = self._seal(payload, None).decode()  # in the encoding: an error has no attachment
         encoding = f"{encoding_of(ErrorReply)};{seal}" if seal else encoding_of(ErrorReply)
-        self._send(lambda q: q.reply_err(payload, encoding=encoding))
+        self._later(partial(self._send, lambda q: q.reply_err(payload, encoding=encoding)))
 
     def accept_probe(self) -> None:
-        self._answer(b"", PROBE, None)
+        self._later(partial(self._answer, b"", PROBE, None))
+
+    def _later(self, send: Callable[[], None], size: int = 0) -> bool:
+        """Send to a participant at once, to a client by a thread; return False if too many large ones are queued."""
+        if self._replies is None:
+            send()
+            return True
+        return self._replies.put(send, partial(self._send, lambda _: None), size)
 
     def _answer(self, payload: bytes, attachment: bytes | None, encoding: str | None) -> None:
         seal = self._seal(payload, attachment)
@@ -305,6 +310,7 @@ class ZenohBus:
 
     def close(self) -> None:
         self._mesh.close()
+        self._replies.finish(CLOSE_S)
         if not self.session.is_closed():
             with suppress(zenoh.ZError):  # a reader that does not read leaves the last messages unsent
                 self.session.close()

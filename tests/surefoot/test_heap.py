@@ -5,11 +5,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from surefoot import heap
 from surefoot.bus.interface import Life
-from surefoot.heap import ARENAS, hand_back
+from surefoot.heap import APART_S, ARENAS, hand_back
 from surefoot.lockstep import node
 from tests.surefoot.lockstep.node_bench import Bench
 
@@ -43,7 +45,8 @@ def resident() -> int:
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="the C library has no malloc_trim")
-def test_heap_between_what_is_in_use_is_handed_back() -> None:
+def test_heap_between_what_is_in_use_is_handed_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(heap, "_returned_s", [-APART_S])
     blocks = [bytes(BLOCK) for _ in range(BLOCKS)]
     kept = blocks[::APART]  # pins the heap, so that freed memory stays with the process
     del blocks
@@ -51,6 +54,15 @@ def test_heap_between_what_is_in_use_is_handed_back() -> None:
     hand_back()
     assert before - resident() > 0.7 * BLOCK * BLOCKS
     assert all(len(block) == BLOCK for block in kept)
+
+
+def test_hundreds_that_come_and_go_cost_one_return(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+    monkeypatch.setattr(heap, "_returned_s", [-APART_S])
+    monkeypatch.setattr(heap.ctypes, "CDLL", lambda _: SimpleNamespace(malloc_trim=calls.append))
+    for _ in range(500):
+        hand_back()
+    assert calls == [0]
 
 
 def test_it_is_handed_back_when_a_process_comes_or_goes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from surefoot.bus.options import ZenohOptions
 from surefoot.bus.seals import (
+    MOST_KNOWN,
     VARIABLE,
     Guard,
     Sealed,
@@ -157,6 +158,17 @@ def test_the_driver_needs_the_seal_of_the_service_that_drives(first: str) -> Non
     for service in (first, *{"driver", "simulator"} - {first}):
         guard.on_token(service, name)
     assert not guard.passes("driver", bare("@terrain/map/x"))
+
+
+def test_the_driver_is_not_hidden_by_many_that_pretend_to_be_one() -> None:
+    name = sealed_name(SECRET, "simulator")
+    fakes = [("driver", f"f{k:0{len(name) - 1}x}") for k in range(MOST_KNOWN)]
+    real = [("driver", name), ("simulator", name)]
+    for tokens in ([real[0], *fakes, real[1]], [*fakes, *real], [*real, *fakes], [real[1], *fakes, real[0]]):
+        guard = Guard(SECRET)
+        for service, instance in tokens:
+            guard.on_token(service, instance)
+        assert not guard.passes("driver", bare("@terrain/map/x"))
 
 
 def test_a_forged_report_of_a_tick_reaches_nobody_over_the_network(net: Net) -> None:
