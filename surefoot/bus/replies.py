@@ -22,7 +22,7 @@ BYTES_PER_S = 32e6
 """Largest mean rate of large replies, bytes/s; a map of 400 x 400 cells takes 20 ms."""
 
 
-class Lane:
+class ReplyLane:
     """Queue of replies and the daemon thread that sends them; the thread starts with the first reply."""
 
     def __init__(self, name: str, bytes_per_s: float) -> None:
@@ -66,7 +66,7 @@ class Replies:
     """Replies of one process to clients: a lane of small ones, which nothing slows, and a lane of large ones."""
 
     def __init__(self) -> None:
-        self._small, self._large = Lane("replies", float("inf")), Lane("large replies", BYTES_PER_S)
+        self._small, self._large = ReplyLane("replies", float("inf")), ReplyLane("large replies", BYTES_PER_S)
 
     def put(self, send: Callable[[], None], close: Callable[[], None], size: int) -> bool:
         """Queue a reply; return False if it is large and `WAITING` large ones are queued.
