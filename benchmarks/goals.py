@@ -153,7 +153,11 @@ def to(x: float, y: float) -> Step:
 
 
 def dark(easy: bool) -> Scenario:
-    """Return the scenario of the corridor, about 90 s long, with a camera that sees nothing from 40 s on."""
+    """Return the scenario of the corridor, about 90 s long, with a camera that sees nothing from 40 s on.
+
+    Args:
+        easy: True: the robot's own camera and odometry; False: the paper's coarse camera and odometry that drifts.
+    """
     fault = FaultRequest(kind="camera_dark", duration=LONGEST_S)
     return corridor(to(5.0, 0.0), Step("fault", when="ready", after_s=40.0, request=fault), easy=easy)
 

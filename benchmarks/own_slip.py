@@ -194,7 +194,12 @@ def start(samples: Sequence[StanceSample], candidate: Candidate, share: float = 
 
 
 def squared_errors(model: LearnedModel, held: SampleSet) -> tuple[float, float]:
-    """Return the mean square errors of predicted slip on withheld ground and on the other; slips over 1 count as 1."""
+    """Return mean square errors of predicted slip on the ground withheld from the first model, and on all other ground.
+
+    Args:
+        model: predicts the slip of a stance from its inputs.
+        held: stances of walks from which no model has learned, on both grounds; slips over 1 count as 1.
+    """
     u = inputs(held.x)
     low, high = np.array(model.ranges).T
     away = np.clip(model.terms.values(np.clip(u, low, high)), 0.0, 1.0) - np.minimum(held.r, 1.0)

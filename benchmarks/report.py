@@ -152,7 +152,7 @@ def output_of(command: str, limit_s: float = math.inf, folder: Path | None = Non
     """Run a command and return what it prints; ``--results F`` names a file in the folder.
 
     Raises:
-        subprocess.CalledProcessError: it fails (exit code above 1, which a study with a missed goal may have).
+        subprocess.CalledProcessError: its exit code is neither 0 nor 1, which a study with a missed goal has.
         subprocess.TimeoutExpired: it takes longer than the limit.
     """
     words = _argv(command)

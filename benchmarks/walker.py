@@ -156,7 +156,7 @@ def orders(
     from there at every moment.
 
     Args:
-        level: level of the perturbation, no unit; 0 = none.
+        level: level of the perturbation of masses, servos and sensors; 0 = none.
         ticks: ticks before the landing, comma-separated.
         pairs: command under way and command that comes, as left:right,walk:stop.
     """
@@ -300,7 +300,7 @@ def actions(
     base_link at the landing of an action's last step.
 
     Args:
-        level: level of the perturbation, no unit; 0 = none.
+        level: level of the perturbation of masses, servos and sensors; 0 = none.
         drift: turn of the robot's straight walk, deg per 10 cm.
         actions: names of actions, comma-separated; each in a chain of its own.
         count: actions of a chain.

@@ -137,9 +137,9 @@ class Query(Generic[Req, Rep]):
 
     key: str
     takes: type[Req]
-    """Model of the requests, or the place where it is defined, which `request` resolves."""
+    """Model of the requests, or its place (file and name of the model), which `request` imports."""
     returns: type[Rep]
-    """Model of the replies, or the place where it is defined, which `reply` resolves."""
+    """Model of the replies, or its place (file and name of the model), which `reply` imports."""
     owner: str
     timeout_s: float = 5.0
     """Default time after which a caller gives up waiting for the reply, s of wall time."""

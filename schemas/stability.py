@@ -202,7 +202,7 @@ class CheckRequest(RegionFields):
 
 
 class MarginGradient(Reply):
-    """Gradient of the signed margin of the centre of mass; of two equally near edges, that of the margin to one."""
+    """Gradient of the margin by centre of mass, friction and positions of contacts; of equally near edges, by one."""
 
     com: Vec2 = Field(description="d margin / d com, no unit")
     mu: tuple[float, ...] = Field(description="m, d margin / d mu of each contact; 0 where mu is null")

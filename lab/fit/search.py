@@ -125,7 +125,7 @@ class _Surface:
         return out
 
     def values(self, x: Array) -> Array:
-        """Return -ln L, nats, at coordinates `x` (m, P), (m,)."""
+        """Return -ln L, nats, (n,), at n points `x` (n, P): logarithms of positive parameters, others as they are."""
         return self.likelihood(self.full(x))
 
     def slopes(self, x: Array) -> Array:

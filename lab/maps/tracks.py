@@ -30,7 +30,7 @@ LOOSE, FIRM = (6, 0.3), (12, 0.5)
 """`LOOSE`: least number and share of features seen again that must agree on a motion; `FIRM`: those required
 instead if the tolerance of a place is above `AMBIGUOUS`, as a repeating floor then also agrees on a wrong motion."""
 AMBIGUOUS = 0.15
-"""Tolerance of a feature's place, m, above which a motion must satisfy `FIRM` instead of `LOOSE`."""
+"""Tolerance of a feature's place, m, above which `FIRM`, the larger numbers, must agree on a motion."""
 RATIO, TURNED = 0.85, 0.3
 """`RATIO`: largest ratio of the descriptor distances of nearest and second match; `TURNED`: largest rotation of a
 motion against the heading of the pose, rad."""

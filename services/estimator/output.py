@@ -46,7 +46,7 @@ class VelocityAndTilt(NamedTuple):
 
 
 class OdometryPose(NamedTuple):
-    """Pose of base_link in odom: position, m, `quat_wxyz` (rot_odom_from_base), yaw, rad, not wrapped, velocity, m/s.
+    """Pose of base_link in odom: position, m, `quat_wxyz` (rot_odom_from_base), yaw, rad, velocity, m/s, odom axes.
 
     The covariance (6, 6) is that of x, y, z and of the rotation about x, y, z, in odom axes.
     """

@@ -101,7 +101,7 @@ class SimulatedRun:
         return at_tick
 
     def plan(self, at_tick: int | None, action: Callable[[], None]) -> int:
-        """Plan an action for the end of a tick, None = the next one; return the tick (raises Refusal: it is over)."""
+        """Plan an action for the end of a tick, None = the next one; return the tick (raises Refusal: too late)."""
         tick = self.tick_of(at_tick)
         self.planned.append((tick, action))
         return tick

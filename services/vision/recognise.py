@@ -220,7 +220,7 @@ def _likest(
 def consensus(
     here: Array, there: Array, params: RecogniseParams, bend: tuple[float, float] | None = None
 ) -> tuple[NDArray[np.bool_], float]:
-    """Return the matches that one rigid motion explains, (n,), and the scale that would explain these best.
+    """Return the matches that one rigid motion explains, (n,), and the scale, map over picture, that fits them.
 
     Args:
         here: places of the matched features in the picture, forward and left of base_link, (n, 2) m.

@@ -179,7 +179,10 @@ class Guard:
         self._forged: dict[str, int] = {}
 
     def on_token(self, service: str, instance: str) -> None:
-        """Record that a process has shown the token of a service; the driver has a sealed name as another service."""
+        """Record a token: messages of a service whose process has a sealed name must be sealed from now on.
+
+        The name of the driver is sealed for another service, whose token its process shows, too.
+        """
         if born_ms(self._secret, service, instance):
             self._names.add(instance)
             self._services.add(service)

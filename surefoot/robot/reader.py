@@ -164,7 +164,7 @@ class _Tree:
         self.legs: list[r.Leg] = []
 
     def add_limb(self, limb: LimbTable, path: str) -> None:
-        """Add the links of a limb's chain, its joints, and its leg where it has a foot."""
+        """Add a limb's links, its joints, and its leg if it has a foot; `path`: of the limb in the file, for errors."""
         if any(link.name.startswith(f"{limb.name}_") for link in self.links):
             raise RobotError("duplicate", f"{path}.name", f"{limb.name!r} is used twice")
         if limb.chain not in self.chains:

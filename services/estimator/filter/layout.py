@@ -260,7 +260,8 @@ HEIGHTS = H.lasts + 1
 """`POINT_COLUMNS`, `SENSOR_COLUMNS`: number of columns of `BestState.points` and `BestState.sensors`; `MEMORY`: length
 of `BestState.memory`; `HEIGHTS`: length of its part `heights`."""
 WAITING, MOVING, STARTED, DOUBTED, CERTAIN = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Phases of the start: `WAITING`: none yet; `MOVING`: in motion; `STARTED`: at rest; `DOUBTED`: in motion after the
-tilt proved wrong; `CERTAIN`: in motion and certain."""
+"""Phases of the start: `WAITING`: not started; `MOVING`: in motion, too uncertain to be used; `CERTAIN`: in motion and
+usable, a rest soon after starts it anew; `DOUBTED`: too uncertain again, its tilt proved wrong;
+`STARTED`: usable and kept, after a rest or a longer motion."""
 NO_FEET = LONG_AGO = -1.0
 """Markers, s, of times that are not defined: no sample of the feet yet (`NO_FEET`), no such event (`LONG_AGO`)."""

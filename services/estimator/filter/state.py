@@ -64,7 +64,7 @@ class BestState(NamedTuple):
     mode_turn: Array
     """Rotations `turn` of the hypotheses: rot_odom_from_foot at the last sample of the feet, (H, K, 3, 3)."""
     mode_memory: Array
-    """Values beside the state of each hypothesis as in `memory`, (H, 112)."""
+    """Averages, counters and times of each hypothesis, (H, 112), laid out as `memory`."""
     weight: Array
     """Probabilities of the hypotheses about sliding feet, (H,); all 0 while the state itself is the only one."""
     sensors: Array

@@ -76,7 +76,7 @@ class LostModel:
     """Prior shares of detections (in the gate, only outside, unlike any landmark) if the pose is right. They allow for
     twice the expected false detections: a map grows old."""
     weight: float = 40.0
-    """Number of detections that the prior shares of a right pose count as, beside those observed."""
+    """Weight of the prior shares beside those observed: they count as this number of detections."""
     remembered: float = 400.0
     """Largest number of observed detections that count in the shares of a right pose; older ones count less."""
     fewest: tuple[float, float] = (0.06, 0.02)

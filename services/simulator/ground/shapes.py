@@ -233,7 +233,7 @@ class TerrainKind(NamedTuple):
     """One kind of terrain that a scenario may name: default amplitude, maker and least extent."""
 
     amp: float
-    """Default amplitude, m; for kind `slope` the slope dz/dx, no unit."""
+    """Default size along z, m: range of heights of hills, rise of steps, height of walls; kind `slope`: slope dz/dx."""
     least_end: float
     """Least x up to which the map must reach, m; a shorter map is refused."""
     make: Callable[[ShapeSpec], Shape]

@@ -114,9 +114,9 @@ class Movement:
     shift: Array
     """Further shift of the centre of mass by the legs, (3,) m, frame world (r_KIN of Walas & Belter)."""
     uncertainty: Uncertainty | None = None
-    """Uncertainty of the inputs for a second margin, allowed with gravity alone; None: no second margin is computed."""
+    """Uncertainty of the inputs for a second margin, only without acceleration, tilt and torque limits; None: none."""
     gradient: bool = False
-    """True if the gradient of the margin is wanted, allowed with gravity alone; False if not."""
+    """True if the gradient of the margin is wanted, only without acceleration, tilt and torque limits."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,7 @@ class MarginSlope:
     """Gradient of the signed margin of a CoM by the CoM, the friction coefficients and the contact points."""
 
     com: Array
-    """Derivative of the margin by the CoM, (2,), no unit: -a, a the unit direction to the nearest edge."""
+    """Derivative of the margin by the CoM, (2,), no unit: -a, a the outward unit normal of the nearest edge."""
     mu: Array
     """Derivative of the margin by the friction coefficient of each contact, (n,) m."""
     position: Array
