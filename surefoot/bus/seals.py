@@ -42,7 +42,7 @@ BLOCK = 64
 ASKED = "seal"
 """Name of the query parameter that holds the decimal digits for which the sender expects the answer to be sealed."""
 MOST_KNOWN = 1024
-"""Largest number of process names for which the result of the check of their seal is cached."""
+"""Largest number of process names whose checked seals are cached, and of names shown as the driver that are kept."""
 
 
 def new_secret() -> str:
