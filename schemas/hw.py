@@ -13,13 +13,23 @@ def _false(value: bool) -> bool:
     return not value
 
 
+def _empty(value: tuple[int, ...]) -> bool:
+    return not value
+
+
 class Tick(Message):
     """Manifest of a control tick: its samples and the services that must answer. Published after the samples."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
 
     roster: tuple[str, ...] = Field(description="services that must finish this tick; changed by the driver only")
     roster_version: int = Field(ge=0, description="counts the changes of the roster")
+    since: tuple[int, ...] = Field(
+        default=(),
+        exclude_if=_empty,
+        description="first tick of each service on the roster, in its order, which lockstep does not leave out; "
+        "absent = tick 0 of all",
+    )
     due: tuple[str, ...] = Field(
         description="hw keys that carry a sample in this tick; in the prime (tick -1) every key the driver has"
     )

@@ -6,7 +6,7 @@ two ticks.
 """
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.topics import CMD_JOINTS
@@ -36,11 +36,13 @@ COMMANDER = CMD_JOINTS.owner
 
 @dataclass
 class Member:
-    """State of a service on the roster: its process, the last tick it has finished, and the tick of its admission."""
+    """State of a service on the roster: its process, the last tick it has finished, the tick of its admission, and the
+    tick with which its process begins: this one, or an earlier one that is sent again to a restarted process."""
 
     instance: str
     done: int
     admitted: int
+    since: int
 
 
 @dataclass
@@ -201,7 +203,7 @@ class Leader:
         if not self.ready:
             return
         for service, instance in self.ready.items():
-            self.members[service] = Member(instance, self.tick, self.tick + 1)
+            self.members[service] = Member(instance, self.tick, self.tick + 1, self.tick + 1)
             self.lost.discard(service)
         self.ready.clear()
         self.roster_version += 1
@@ -216,12 +218,12 @@ class Leader:
         returned = {name: self.members[name] for name in self.lost if name in self.ready}
         self._admit()
         silent = {name for name, before in returned.items() if before.instance == self.members[name].instance}
+        first = max(0, min([first, *(returned[name].done for name in silent)]))
         for name, before in returned.items():
             if name in silent:
                 self.members[name] = before
             else:
-                self.members[name].done = first - 1
-        first = max(0, min([first, *(returned[name].done for name in silent)]))
+                self.members[name].done, self.members[name].since = first - 1, first
         if not self.lost and self.state == "holding":
             self.state = "running"
         return range(first, self.tick + 1)
@@ -242,8 +244,8 @@ class Leader:
         pause = self.pause_tick is not None and self.tick >= self.pause_tick
         manifest = Tick(
             stamp_ns=stamp_ns, tick=self.tick, epoch=self.epoch, seq=self.tick, source="driver",
-            roster=tuple(sorted(self.members)), roster_version=self.roster_version, due=due, mode=self.mode,
-            seed=self.seed, end=end, held=held, report=end or pause or self.tick % REPORT_TICKS == REPORT_TICKS - 1,
+            **self._roster(), due=due, mode=self.mode, seed=self.seed, end=end, held=held,
+            report=end or pause or self.tick % REPORT_TICKS == REPORT_TICKS - 1,
         )  # fmt: skip
         self._manifests[self.tick] = manifest
         self._manifests.pop(self.tick - 4 * self.window, None)
@@ -258,6 +260,10 @@ class Leader:
         manifest = self._manifests.get(tick)
         if manifest is None:
             return None
-        return manifest.model_copy(
-            update={"roster": tuple(sorted(self.members)), "roster_version": self.roster_version}
-        )
+        return manifest.model_copy(update=self._roster())
+
+    def _roster(self) -> dict[str, Any]:
+        """Return the fields of a manifest that describe the present roster."""
+        roster = tuple(sorted(self.members))
+        since = tuple(self.members[name].since for name in roster)
+        return {"roster": roster, "roster_version": self.roster_version, "since": since if any(since) else ()}

@@ -107,12 +107,13 @@ class Bench:
         self.signed_tick(instance, -1, epoch=epoch)
 
     def signed_tick(
-        self, instance: str, tick: int, *, epoch: int = 1, version: int = 1, roster: tuple[str, ...] = ("estimator",)
-    ) -> None:
+        self, instance: str, tick: int, *, epoch: int = 1, version: int = 1, roster: tuple[str, ...] = ("estimator",),
+        since: tuple[int, ...] = (),
+    ) -> None:  # fmt: skip
         """A manifest that names its publisher."""
         message = Tick(
             tick=tick, epoch=epoch, stamp_ns=max(0, tick) * topics.TICK_NS, seq=max(tick, 0), roster=roster,
-            roster_version=version, due=("hw/imu",), mode="lockstep",
+            roster_version=version, since=since, due=("hw/imu",), mode="lockstep",
         )  # fmt: skip
         self.node.handle(Delivery(topics.HW_TICK, message, None, None, instance))
         self.node.pump()

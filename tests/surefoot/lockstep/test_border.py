@@ -51,7 +51,7 @@ def test_ticks_before_a_service_was_admitted_are_not_counted_once_it_is(bench: B
         bench.signed_tick("real", tick, roster=("walker",))
     assert bench.node.refused == {"not_on_roster": 3}
     bench.imu(3)
-    bench.signed_tick("real", 3, version=2)
+    bench.signed_tick("real", 3, version=2, since=(3,))
     assert (bench.subject.ticks, bench.node.refused) == ([3], {})
 
 
@@ -97,7 +97,7 @@ def test_a_reset_heals_a_service_that_followed_forged_primes_and_ticks_of_the_ne
     walk(bench, range(3))
     bench.signed_tick("real", -1, epoch=2)
     bench.imu(500, epoch=2)
-    bench.signed_tick("real", 500, epoch=2)
+    bench.signed_tick("real", 500, epoch=2, since=(500,))
     assert bench.subject.ticks[-1] == 500
     for _ in range(MISLED_PRIMES):
         assert bench.node.join.last == 500

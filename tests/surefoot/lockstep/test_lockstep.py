@@ -5,12 +5,18 @@ from typing import Any
 
 import pytest
 
+from surefoot.bus.codec import encode
 from surefoot.bus.interface import Delivery
 from surefoot.lockstep.driver import DriverNode, DueSample
+from surefoot.lockstep.join import DRIVER
+from surefoot.lockstep.leader import Leader
 from surefoot.lockstep.local import LocalSystem
+from surefoot.lockstep.node import Node
 from surefoot.schemas.sim import Truth
-from surefoot.schemas.topics import HW_IMU, SIM_PUSH, SIM_TRUTH, STATE_GAIT, STATE_VELOCITY, TERRAIN_MAP
+from surefoot.schemas.topics import HW_IMU, SIM_PUSH, SIM_TRUTH, STATE_GAIT, STATE_VELOCITY, TERRAIN_MAP, TICK_NS
 from tests.surefoot.toys import ToyDriver, ToyObserver, toys
+
+ON_DELIVERY = Node._on_delivery
 
 EXPECT = ("estimator", "walker", "recorder")
 TICKS = 60
@@ -76,6 +82,54 @@ def test_dead_estimator(policy: str) -> None:
         assert node.leader.missing() == ("estimator",)
     assert not node.leader.comparable
     assert dead.name == "estimator"
+
+
+@pytest.mark.parametrize("lost", [1, 2, 25])
+@pytest.mark.parametrize("members", [("estimator", "walker"), ("recorder",), ("estimator", "walker", "recorder")])
+def test_members_that_lose_the_first_ticks_begin_with_the_first(
+    members: tuple[str, ...], lost: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As behind a link that is made anew at the start; estimator and walker together lack nothing in tick 1."""
+    reference, watched = run()
+    dropped = set[tuple[str, str, int]]()
+
+    def deliver(node: Node, delivery: Delivery) -> None:
+        place = (node.name, delivery.topic.key, -1 if delivery.prime else delivery.header().tick)
+        if node.name in members and delivery.topic.owner == DRIVER and 0 <= place[2] < lost and place not in dropped:
+            dropped.add(place)
+        else:
+            ON_DELIVERY(node, delivery)
+
+    monkeypatch.setattr(Node, "_on_delivery", deliver)
+    history, observer = run()
+    assert len(dropped) >= 2 * len(members)
+    assert history == reference
+    assert seen_by(observer) == seen_by(watched)
+
+
+def seen_by(observer: ToyObserver) -> list[tuple[int, dict[str, Any]]]:
+    """Return ticks and content of the messages that an observer got, in its order."""
+    return [(tick, {key: message.model_dump() for key, message in found.items()}) for tick, found in observer.seen]
+
+
+def test_a_restarted_member_begins_with_the_first_tick_that_is_sent_again() -> None:
+    leader = Leader(expect=("estimator", "walker"))
+    leader.begin(1)
+    for name in leader.expect:
+        leader.on_ready(name, name)
+    leader.start()
+    while leader.tick < 30:
+        manifest = leader.advance(leader.tick * TICK_NS, ())
+        assert manifest.since == ()
+        leader.on_done("walker", "walker", leader.tick)
+    leader.on_done("estimator", "estimator", 12)
+    leader.on_gone("walker", "walker")
+    leader.on_ready("walker", "another")
+    ticks = leader.rejoin()
+    again = leader.again(ticks.start)
+    assert again is not None
+    assert (ticks, again.roster, again.since) == (range(13, 31), ("estimator", "walker"), (0, 13))
+    assert b'"since":[0,13]' in encode(again)[0]
 
 
 class Curious(ToyObserver):

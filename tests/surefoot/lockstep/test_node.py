@@ -173,7 +173,7 @@ def test_outputs_of_a_service_that_leaves_ticks_out_are_kept_no_longer(bench: Be
 
 
 def test_headers_are_filled_in_by_the_runtime(bench: Bench) -> None:
-    bench.both(3, epoch=7)
+    bench.both(3, epoch=7, since=(3,))
     (velocity,) = bench.sent(VelocityEstimate)
     assert (velocity.tick, velocity.epoch, velocity.seq, velocity.stamp_ns, velocity.source) == (
         3, 7, 3, 3 * TICK_NS, "estimator",

@@ -217,9 +217,9 @@ def test_a_service_that_was_away_for_seconds_gets_every_input_once_it_is_admitte
     for tick in range(away):
         bench.imu(tick)
         bench.tick(tick, roster=("walker",), mode=mode)
-    bench.both(away, mode=mode)
+    bench.both(away, mode=mode, since=(away,))
     for tick in range(away + 1, back, 3):  # three at once
-        for act in (bench.imu, lambda n: bench.tick(n, mode=mode)):
+        for act in (bench.imu, lambda n: bench.tick(n, mode=mode, since=(away,))):
             for number in range(tick, tick + 3):
                 act(number)
     assert bench.subject.ticks == list(range(away, back))

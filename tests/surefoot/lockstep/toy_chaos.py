@@ -170,7 +170,10 @@ def answered_by_nonsense(self: Any, delivery: Delivery) -> None:
 
 
 def rejoin_without_past(self: leader.Leader) -> range:
-    return range(REJOIN(self).stop, self.tick + 1)
+    first = REJOIN(self).stop
+    for member in self.members.values():
+        member.since = max(member.since, first * (member.since > 0))
+    return range(first, self.tick + 1)
 
 
 OFFER_TICK, TAKE, REPEAT = join.Join._offer_tick, commands.Commands.take, driver_module.DriverNode._repeat
