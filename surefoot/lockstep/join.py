@@ -232,11 +232,6 @@ class Join:
         """Drop the inputs of a run (epoch) that the driver has not begun: no process can have valid ones."""
         self._slots = {key: slot for key, slot in self._slots.items() if key[0] != epoch}
 
-    def _forget_before(self, epoch: int, tick: int) -> None:
-        """Drop inputs older than the tick before ``tick``, whose delayed inputs are still needed, to make room."""
-        oldest = (epoch, tick - 1)
-        self._slots = {key: slot for key, slot in self._slots.items() if key >= oldest}
-
     def _begin(self, epoch: int) -> None:
         self.epoch = epoch
         self.begun += 1
@@ -259,7 +254,6 @@ class Join:
             self.on_roster = False
             return "not_on_roster"
         first = dict(zip(tick.roster, tick.since, strict=False)).get(self.service, 0)
-        """Number of the first tick that this service takes part in."""
         if tick.tick < first:
             return "not_on_roster"
         if tick.tick < self._admitted and tick.roster_version <= 1:
@@ -270,14 +264,14 @@ class Join:
         elif tick.tick <= self.last:
             return "replay"
         if not self.on_roster:
-            if tick.mode == "paced":
-                first = tick.tick
-            elif tick.tick >= first + MAX_AHEAD:
+            first = tick.tick if tick.mode == "paced" else first
+            if tick.tick >= first + MAX_AHEAD:
                 return "too_far_ahead"
             self.on_roster = True
             self._admitted, self.last = first, first - 1  # in lockstep the driver repeats ticks that were lost
             self._previous_roster = ()  # what was published while it was away is not awaited
-            self._forget_before(tick.epoch, first)
+            oldest = (tick.epoch, first - 1)  # delayed inputs of the tick before the first are still needed
+            self._slots = {key: slot for key, slot in self._slots.items() if key >= oldest}
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
             return "too_far_ahead"
         self._unbegun = 0
