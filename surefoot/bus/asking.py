@@ -10,7 +10,7 @@ answer itself is sealed: it counts if its seal holds, for the query that was sen
 import secrets
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -32,6 +32,68 @@ process shows from its start on."""
 TOKENS_S = 0.5
 """Limit on the wait for the liveliness tokens of a service, s; they usually come within a millisecond."""
 MEANWHILE_S = 0.5
+"""Interval of the calls of `meanwhile` during the wait for an answer, s."""
+MOST_OF_ONE, MOST_NAMES = 4, 64
+"""`MOST_OF_ONE`: number of unsealed answers to one query that are kept of each process, as an owner answers once;
+`MOST_NAMES`: number of processes from which on all further ones count as one."""
+MOST_REFUSED = 1024
+"""Number of pairs of key and process whose refused answers are counted apart; those of further pairs under no name."""
+
+
+class Answered:
+    """Answers to one query, which threads of Zenoh add and the sender of the query takes; few wait at a time.
+
+    An answer with the right seal is kept always. Of others `MOST_OF_ONE` of each process are kept, so that a process
+    which answers without end costs no memory.
+
+    Args:
+        asked: the query that was sent.
+        secret: secret of the system; empty = no answer is sealed.
+    """
+
+    def __init__(self, asked: Asked, secret: str) -> None:
+        self._asked, self._secret, self._open = asked, secret, True
+        self._kept = SimpleQueue[tuple[zenoh.Reply, bool] | None]()
+        self._counts: Counter[str] = Counter()
+
+    def put(self, reply: zenoh.Reply) -> None:
+        """Add an answer; it is dropped after `close`, or if too many of its process came without a seal."""
+        if not self._open:
+            return
+        if _sealed(reply, self._asked, self._secret):
+            self._kept.put((reply, True))
+            return
+        by = _replier(reply)
+        name = by if by in self._counts or len(self._counts) < MOST_NAMES else ""
+        self._counts[name] += 1
+        if self._counts[name] <= MOST_OF_ONE:
+            self._kept.put((reply, False))
+
+    def end(self) -> None:
+        """Record that no further answer can come."""
+        self._kept.put(None)
+
+    def close(self) -> None:
+        """Drop all answers that come from now on."""
+        self._open = False
+
+    def until(self, deadline: float, meanwhile: Callable[[], Any] | None) -> Iterator[tuple[zenoh.Reply, bool]]:
+        """Iterate over the answers, each with whether it has the right seal, until `deadline` or until none can come.
+
+        Args:
+            deadline: of the monotonic clock, s.
+            meanwhile: called every ``MEANWHILE_S`` of the wait.
+        """
+        while (left := deadline - time.monotonic()) > 0.0:  # also if answers that do not count come without end
+            try:
+                found = self._kept.get(timeout=left if meanwhile is None else min(left, MEANWHILE_S))
+            except Empty:
+                if meanwhile is not None and left > MEANWHILE_S:
+                    meanwhile()
+                continue
+            if found is None:
+                return
+            yield found
 
 
 class Asking:
@@ -45,7 +107,8 @@ class Asking:
 
     def __init__(self, session: zenoh.Session, namespace: str, secret: str = "") -> None:
         self.refused: Counter[tuple[str, str]] = Counter()
-        """Number of refused answers of processes that do not own the query, by key and process."""
+        """Number of queries of which an answer was refused, as its process does not own the query, by key and process;
+        an empty name stands for those beyond `MOST_REFUSED`."""
         self._session, self._namespace, self._secret = session, namespace, secret
         self._queriers: dict[tuple[str, bool, float], tuple[str, zenoh.Querier]] = {}
         """Zenoh key and querier by key of the query, whether a single process is asked, and timeout, s. A querier of a
@@ -79,12 +142,30 @@ class Asking:
         key = participants_key(query, instance) if instance else query.key
         querier = self._querier(query, key, timeout, instance)
         asked = Asked(key, new_digits() if self._secret else b"", payload, attachment)
-        replies = _sent(querier, encoding_of(query.request), asked)
+        answered = Answered(asked, self._secret)
+        _send(querier, encoding_of(query.request), asked, answered)
         deadline = time.monotonic() + timeout + 0.2
-        owner, claims, strangers = instance or self._owners.get(query.owner, ""), dict[str, zenoh.Reply](), set[str]()
+        strangers = set[str]()
+        try:
+            reply = self._chosen(query, instance, answered.until(deadline, meanwhile), strangers)
+        finally:
+            answered.close()
+        if reply is None:
+            raise self._unanswered(querier, query, timeout, strangers)
+        return reply
+
+    def _chosen(
+        self, query: Query[Any, Any], instance: str, answers: Iterable[tuple[zenoh.Reply, bool]], strangers: set[str]
+    ) -> zenoh.Reply | None:
+        """Return the first of the answers that counts, None if none does; add the processes of others to `strangers`.
+
+        Raises:
+            CallError: ``second``, as `ask`.
+        """
+        owner, claims = instance or self._owners.get(query.owner, ""), dict[str, zenoh.Reply]()
         must_seal: bool | None = None
-        while reply := _next(replies, deadline, meanwhile):
-            if _sealed(reply, asked, self._secret):
+        for reply, sealed in answers:
+            if sealed:
                 return reply
             by = _replier(reply)
             if not by or by in claims or by in strangers:  # without a name: the router's note of a time-out
@@ -101,10 +182,14 @@ class Asking:
                     raise two_owners(query, claims)
             else:
                 strangers.add(by)
-                self.refused[(query.key, by)] += 1
-        if claims:
-            return next(iter(claims.values()))
-        raise self._unanswered(querier, query, timeout, strangers)
+                self._refuse(query, by)
+        return next(iter(claims.values()), None)
+
+    def _refuse(self, query: Query[Any, Any], by: str) -> None:
+        """Count a refused answer of a process to a query, from `MOST_REFUSED` pairs on without its name."""
+        place = (query.key, by)
+        known = place in self.refused or len(self.refused) < MOST_REFUSED
+        self.refused[place if known else (query.key, "")] += 1
 
     def _is_sealed(self, query: Query[Any, Any], instance: str) -> bool:
         """Return whether the process `instance` (empty: any with the token of the query's owner) has a sealed name."""
@@ -159,22 +244,20 @@ def plain_attachment(answer: zenoh.Sample) -> bytes | None:
     return None if attachment is None else without_seal(attachment.to_bytes())[0]
 
 
-def _sent(querier: zenoh.Querier, encoding: str, asked: Asked) -> SimpleQueue[zenoh.Reply | None]:
-    """Send a query and return the queue in which its answers come, and None when no other can come."""
-    replies = SimpleQueue[zenoh.Reply | None]()
+def _send(querier: zenoh.Querier, encoding: str, asked: Asked, answered: Answered) -> None:
+    """Send a query whose answers are added to `answered`."""
 
     def on_reply(reply: zenoh.Reply) -> None:
         keep_thread_state()
-        replies.put(reply)
+        answered.put(reply)
 
     querier.get(
-        handler=Callback(on_reply, lambda: replies.put(None), indirect=False),
+        handler=Callback(on_reply, answered.end, indirect=False),
         payload=asked.payload,
         encoding=encoding,
         attachment=asked.attachment,
         parameters=f"{ASKED}={asked.digits.decode()}" if asked.digits else None,
     )
-    return replies
 
 
 def _sealed(reply: zenoh.Reply, asked: Asked, secret: str) -> bool:
@@ -190,21 +273,6 @@ def _sealed(reply: zenoh.Reply, asked: Asked, secret: str) -> bool:
     if digits != asked.digits:
         return False
     return secrets.compare_digest(digits + b":" + seal, asked.seal(secret, reply.ok.payload.to_bytes(), attachment))
-
-
-def _next(
-    replies: SimpleQueue[zenoh.Reply | None], deadline: float, meanwhile: Callable[[], Any] | None
-) -> zenoh.Reply | None:
-    while True:
-        left = deadline - time.monotonic()
-        if left <= 0.0:  # also where answers that do not count come faster than they are looked at
-            return None
-        try:
-            return replies.get(timeout=left if meanwhile is None else min(left, MEANWHILE_S))
-        except Empty:
-            if meanwhile is None or left <= MEANWHILE_S:
-                return None
-            meanwhile()
 
 
 def _replier(reply: zenoh.Reply) -> str:

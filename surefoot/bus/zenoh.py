@@ -133,6 +133,8 @@ class ZenohBus:
         self._asking = Asking(self.session, endpoint.namespace, endpoint.secret)
         self._unread = Unread(self.session)
         self._guard = Guard(endpoint.secret)
+        self._reported: Counter[tuple[str, str]] = Counter()
+        """Refused answers at the last look at the links, by key and process."""
         visible = partial(self._visible, self.session)
         self._mesh = Mesh(partial(linked_to, self.session), visible, self._alive, self._introduce)
         self._framers: dict[str, Framer] = {}
@@ -280,7 +282,16 @@ class ZenohBus:
         forged = [
             LinkTrouble("forged", f"{n}x {key} without the seal of its service", key) for key, n in self._guard.forged()
         ]
-        return [*self._unread.look(), *lost, *forged]
+        return [*self._unread.look(), *lost, *forged, *self._refused_answers()]
+
+    def _refused_answers(self) -> list[LinkTrouble]:
+        """Return the answers to queries of this process that were refused since the last call, by key and process."""
+        new, self._reported = Counter(self.refused) - self._reported, Counter(self.refused)
+        code = "forged" if self.endpoint.secret else "unbound"
+        return [
+            LinkTrouble(code, f"{n}x an answer to {key} of {by or 'others'!r}, which does not own it", key)
+            for (key, by), n in new.items()
+        ]
 
     def _visible(self, session: zenoh.Session) -> set[str]:
         return visible_to(session, f"{LIVE}/*/*", TOKENS_S)

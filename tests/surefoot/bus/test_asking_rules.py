@@ -1,5 +1,6 @@
 """Rules by which an answer is believed, with replies and tokens in an order that no network can be made to keep."""
 
+import time
 import weakref
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
@@ -8,13 +9,22 @@ from typing import Any
 import pytest
 
 from surefoot.bus import asking
-from surefoot.bus.asking import Asking
+from surefoot.bus.asking import MOST_NAMES, MOST_OF_ONE, Answered, Asking
+from surefoot.bus.seals import Asked
 from surefoot.errors import CallError
 from surefoot.schemas.topics import HEALTH_GET, STABILITY_REGION
 from tests.surefoot.expect import expect_error
 
+SECRET = "0123456789abcdef" * 2
 ROUTER = ""
 """Replier of a note that the router itself writes."""
+
+
+class Zbytes(SimpleNamespace):
+    """Bytes as Zenoh hands them over."""
+
+    def __init__(self, content: bytes) -> None:
+        super().__init__(to_bytes=lambda: content)
 
 
 class Querier(SimpleNamespace):
@@ -115,6 +125,48 @@ def test_a_stranger_that_answers_often_is_counted_once_for_a_query(network: Netw
     shows(network, "real")
     assert network.answers(client, "stranger", "stranger", "real") == 2
     assert client.refused == {(STABILITY_REGION.key, "stranger"): 1}
+
+
+def of(by: str) -> Any:
+    """An answer of a process, with a content that has no seal."""
+    return SimpleNamespace(
+        replier_id=SimpleNamespace(zid=by), ok=SimpleNamespace(attachment=None, payload=Zbytes(b"{}")), err=None
+    )
+
+
+def test_answers_without_end_are_not_kept_and_displace_no_sealed_one() -> None:
+    """As of a flood under the name of the owner, and under any number of names, before the owner answers."""
+    asked = Asked(STABILITY_REGION.key, b"123", b"{}", None)
+    answered = Answered(asked, SECRET)
+    right = of("owner")
+    right.ok.attachment = Zbytes(b"\n" + asked.seal(SECRET, b"{}", None))
+    for number in range(5000):
+        answered.put(of("owner"))
+        answered.put(of(f"stranger{number}"))
+    answered.put(right)
+    answered.end()
+    found = list(answered.until(time.monotonic() + 60.0, None))
+    assert len(found) <= MOST_OF_ONE * (MOST_NAMES + 1) + 1
+    assert [reply for reply, sealed in found if sealed] == [right]
+
+
+def test_answers_after_the_end_of_the_wait_are_not_kept() -> None:
+    answered = Answered(Asked(STABILITY_REGION.key, b"", b"{}", None), "")
+    answered.close()
+    answered.put(of("owner"))
+    answered.end()
+    assert not list(answered.until(time.monotonic() + 60.0, None))
+
+
+def test_refused_answers_of_ever_new_processes_are_counted_in_a_bounded_table(
+    network: Network, client: Asking, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(asking, "MOST_REFUSED", 3)
+    shows(network, "real")
+    for number in range(10):
+        assert network.answers(client, f"stranger{number}", "real") == 1
+    assert client.refused.total() == 10
+    assert client.refused[STABILITY_REGION.key, ""] == 7
 
 
 def test_the_first_answer_of_one_that_answers_often_is_taken(network: Network, client: Asking) -> None:

@@ -117,6 +117,10 @@ def test_a_participant_takes_no_unsealed_answer_of_a_sealed_process(net: Net) ->
         wait_until(lambda: asker.probe(STABILITY_REGION, instance=name) and bool(asker.refused))
         for _ in range(20):
             assert asker.call(STABILITY_REGION, REQUEST, instance=name) == RIGHT
+        troubles = [trouble for trouble in asker.look_at_links() if trouble.reason == "forged"]
+        assert [trouble.peer for trouble in troubles] == [STABILITY_REGION.key]
+        assert f"of {name!r}, which does not own it" in troubles[0].text
+        assert not [trouble for trouble in asker.look_at_links() if trouble.reason == "forged"]
 
 
 @pytest.mark.parametrize(("owners", "clients"), [("", SECRET), (SECRET, ""), (SECRET, OTHER), ("", "")])

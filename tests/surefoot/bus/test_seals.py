@@ -189,8 +189,8 @@ def test_a_forged_report_of_a_tick_reaches_nobody_over_the_network(net: Net) -> 
     wait_until(lambda: bool(forged()))  # the token of the walker was seen
     while not inbox.queue.empty():
         inbox.get()
-    for _ in range(5):
-        stranger.put(late)
+    texts: list[str] = []
+    wait_until(lambda: texts.extend(forged()) or bool(texts))  # another session's: not in the order of the walker's
     publisher.put(done)
     assert inbox.get().message() == done
-    assert "@tick/walker without the seal of its service" in forged()[0]
+    assert "@tick/walker without the seal of its service" in texts[0]
