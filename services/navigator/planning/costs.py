@@ -27,7 +27,7 @@ MARKS = 4
 FARTHEST_CLEARANCE = 1e3
 """Largest distance from obstacles that a configuration may require, m; a larger one is refused."""
 WIDEST = 200
-"""Largest `Clearance.comfort` in cells, half a cell added and rounded up; more is refused as a wrong unit."""
+"""Largest `Clearance.comfort` in cells; more is refused as a wrong unit."""
 
 
 @dataclass(frozen=True)
@@ -112,11 +112,11 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: boo
         lasting: True = many routes will be planned, so that a large map gets marks (stored costs); False: it gets none.
 
     Raises:
-        Refusal: `comfort` plus half a cell, rounded up, is more than `WIDEST` = 200 cells.
+        Refusal: `comfort` is more than `WIDEST` = 200 cells.
     """
     clearance = clearance or Clearance()
     most = math.ceil(clearance.comfort / grid.cell + 0.5)
-    if most > WIDEST:
+    if clearance.comfort > WIDEST * grid.cell:
         allowed = f"{WIDEST} cells, {WIDEST * grid.cell:g} m"
         raise Refusal("bad_clearance", f"comfort is at most {allowed}, got {clearance.comfort!r}", "comfort")
     wall = grid.cells >= clearance.obstacle

@@ -208,6 +208,9 @@ def test_clearances_that_cannot_be_are_refused(bad):
         Clearance(**bad)
 
 
-def test_other_settings_that_cannot_be_are_refused():
-    with pytest.raises(Refusal):
-        prepare(FloorGrid(np.zeros((10, 10), dtype=np.int8), 0.001))
+@pytest.mark.parametrize("cell", [0.001, 0.05])
+def test_the_widest_comfort_is_the_one_that_a_refusal_names(cell):
+    grid = FloorGrid(np.zeros((10, 10), dtype=np.int8), cell)
+    prepare(grid, Clearance(radius=0.0, comfort=200 * cell))
+    with pytest.raises(Refusal, match=f"at most 200 cells, {200 * cell:g} m, got"):
+        prepare(grid, Clearance(radius=0.0, comfort=200.01 * cell))
