@@ -33,7 +33,7 @@ class ChaosEvent:
 
     kind: Kind
     tick: int
-    """Control tick of the driver in which the event begins."""
+    """Control tick of the driver in which the event begins; 0 = before tick 0, once all services are ready."""
     service: str
     """Service whose published messages are affected, or that is frozen, slowed, terminated or killed."""
     count: int = 0

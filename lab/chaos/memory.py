@@ -191,7 +191,9 @@ class ChaosSystem:
         self._over_freezes()
         for name in self._over(self._dead):
             self._start(name)
-        while self._waiting and self._waiting[0].tick <= self.driver.leader.tick:
+        leader = self.driver.leader
+        reached = max(leader.tick, 0) if leader.state == "running" else leader.tick
+        while self._waiting and self._waiting[0].tick <= reached:
             event = self._waiting.pop(0)
             if event.service in self._dead or event.service in self._frozen:
                 continue

@@ -30,6 +30,22 @@ def test_spoilt_messages_change_nothing(seeds: range) -> None:
     assert not {seed: text for seed, text in found.items() if text}
 
 
+@pytest.mark.parametrize("seeds", [range(40), pytest.param(range(40, 200), marks=pytest.mark.slow)])
+def test_faults_of_messages_before_the_first_tick_change_nothing(seeds: range) -> None:
+    expected = toy_chaos.reference()
+    found = {seed: toy_chaos.failure(toy_chaos.drawn_at_start(seed), seed, expected) for seed in seeds}
+    assert not {seed: text for seed, text in found.items() if text}
+
+
+def test_services_that_begin_with_any_tick_are_found_by_faults_before_the_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    expected = toy_chaos.reference()
+    monkeypatch.setattr(join.Join, "_offer_tick", toy_chaos.begin_with_any_tick)
+    seed = toy_chaos.ANY_TICK_SEED
+    assert toy_chaos.failure(toy_chaos.drawn_at_start(seed), seed, expected) == "another run, from tick 2"
+
+
 def test_the_faults_of_a_seed_are_replayed_to_the_bit() -> None:
     one, other = toy_chaos.run(3), toy_chaos.run(3)
     assert one[0] == other[0]

@@ -77,6 +77,11 @@ def drawn(seed: int) -> tuple[ChaosEvent, ...]:
     return draw_events(MEMORY, seed, EVENTS, NAMES, TICKS, MEMORY.kinds if seed % 2 else MESSAGES)
 
 
+def drawn_at_start(seed: int) -> tuple[ChaosEvent, ...]:
+    """Events of a seed that all begin before tick 0, of messages alone; those of a campaign begin with tick 1."""
+    return draw_events(MEMORY._replace(first_tick=0), seed, 3, NAMES, 0, MESSAGES)
+
+
 def failure(events: Sequence[ChaosEvent], seed: int, expected: list[float]) -> str:
     """What is wrong with a run, "" = nothing: the driver or, while only messages are spoilt, the observer differs."""
     try:
@@ -176,6 +181,12 @@ def rejoin_without_past(self: leader.Leader) -> range:
     return range(first, self.tick + 1)
 
 
+def begin_with_any_tick(self: join.Join, tick: Any) -> Any:
+    """Begin with the tick that comes first, whichever it is."""
+    here = tick.mode == "lockstep" and not self.on_roster and self.service in tick.roster
+    return OFFER_TICK(self, tick.model_copy(update={"since": (tick.tick,) * len(tick.roster)}) if here else tick)
+
+
 OFFER_TICK, TAKE, REPEAT = join.Join._offer_tick, commands.Commands.take, driver_module.DriverNode._repeat
 OFFER, MISSING, ON_DELIVERY = join.Join.offer, join.Join._missing, node.Node._on_delivery
 REJOIN, FOR_DRIVER = leader.Leader.rejoin, driver_module.DriverNode._on_delivery
@@ -202,6 +213,8 @@ PLANTED: dict[str, tuple[Any, str, Any]] = {
     "nonsense_answers_a_tick": (driver_module.DriverNode, "_on_delivery", answered_by_nonsense),
 }
 """What takes the place of what, by the name of the fault."""
+ANY_TICK_SEED = 81
+"""First seed of faults before tick 0 that finds `begin_with_any_tick`; 6000 seeds of faults from tick 1 on do not."""
 FIRST_SEED = {
     "later_command_stands_in": 4,
     "malformed_ends_the_service": 2,
