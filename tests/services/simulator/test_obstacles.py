@@ -55,6 +55,17 @@ def test_a_box_comes_and_goes_by_the_clock() -> None:
     assert there == [False] * 5 + [True] * 5 + [False] * 5
 
 
+@pytest.mark.parametrize(("gives_way", "there"), [(0.35, True), (0.45, False)])
+def test_a_box_that_moves_does_not_come_where_the_robot_is(gives_way: float, there: bool) -> None:
+    made = world(
+        Obstacle(centre=(0.0, 0.4), to=(0.0, 2.0), from_s=0.03, gives_way=gives_way),
+        Obstacle(centre=(0.0, -0.4), from_s=0.03, gives_way=gives_way),  # as a door: it closes whoever stands there
+    )
+    for _ in range(10):
+        made.step_tick()
+    assert (at(made)[2], at(made, 1)[2]) == (there, True)
+
+
 def test_a_box_crosses_once_at_its_speed() -> None:
     made = world(Obstacle(centre=(2.0, -0.8), to=(2.0, 0.7), speed=0.5, from_s=0.2))
     for _ in range(120):
