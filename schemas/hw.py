@@ -9,11 +9,8 @@ from .base import MAX_FEET, Message, PerJoint, QuatWxyz, Reply, Request, Vec2, V
 Matrix3 = Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
 
 
-def _false(value: bool) -> bool:
-    return not value
-
-
-def _empty(value: tuple[int, ...]) -> bool:
+def _absent(value: bool | tuple[int, ...]) -> bool:
+    """Return True for a value that a message leaves out: false, or an empty list."""
     return not value
 
 
@@ -26,7 +23,7 @@ class Tick(Message):
     roster_version: int = Field(ge=0, description="counts the changes of the roster")
     since: tuple[int, ...] = Field(
         default=(),
-        exclude_if=_empty,
+        exclude_if=_absent,
         description="first tick of each service on the roster, in its order, which lockstep does not leave out; "
         "absent = tick 0 of all",
     )
@@ -41,7 +38,7 @@ class Tick(Message):
     end: bool = Field(default=False, description="true on the last tick of the run")
     held: bool = Field(
         default=False,
-        exclude_if=_false,
+        exclude_if=_absent,
         description="true: the driver holds the joints, as no command was accepted for 100 ms; absent = false",
     )
 

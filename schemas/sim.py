@@ -78,10 +78,7 @@ class Obstacle(Request):
     to: Vec2 | None = Field(default=None, description="x, y of where it goes, once, m; null = it stands")
     speed: float = Field(default=0.3, gt=0, le=3, description="m/s")
     gives_way: float = Field(
-        default=0.5,
-        ge=0,
-        le=10,
-        description="m, it halts while the robot is nearer than this and ahead of it",
+        default=0.5, ge=0, le=10, description="m, it halts while the robot is nearer than this and ahead of it"
     )
     from_s: float = Field(
         default=0.0,

@@ -63,9 +63,8 @@ class Obstacles:
         for i, box in enumerate(self._boxes):
             place = data.mocap_pos[i]
             there = box.from_s <= now and (box.until_s is None or now < box.until_s)
-            if (
-                there and place[2] < 0.0 and box.to is not None and box.from_s > 0.0
-            ):  # no person steps out into the robot
+            if there and place[2] < 0.0 and box.to is not None and box.from_s > 0.0:
+                # as a person who steps out, but not into the robot
                 there = math.dist(robot[:2], place[:2]) >= box.gives_way
             place[2] = 0.5 * box.height if there else AWAY
             if box.to is not None and place[2] > 0.0:
