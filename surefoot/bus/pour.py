@@ -51,6 +51,11 @@ def pour(
     return thread
 
 
+def unless_none(sink: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return a function that passes an item to `sink`, unless it is None."""
+    return lambda item: None if item is None else sink(item)
+
+
 def _work(handler: Any, make: Callable[[Any], Any], sink: Callable[[Any], Any], most_hz: float) -> None:
     began, count = time.monotonic(), 0
     while True:

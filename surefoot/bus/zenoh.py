@@ -17,16 +17,17 @@ from surefoot.bus.asking import LIVE, STARTS, TOKENS_S, Asking, plain_attachment
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import without_source
 from surefoot.bus.frame import Frame
+from surefoot.bus.guard import Guard, Sealed
 from surefoot.bus.interface import Delivery, Incoming, Life, Raw
 from surefoot.bus.mesh import INTRODUCE_S, ROUTER_S, Mesh, linked_to, visible_to
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
 from surefoot.bus.options import ZenohOptions as ZenohOptions
 from surefoot.bus.options import client_options as client_options
 from surefoot.bus.options import reading_threads, why_not_open, zenoh_config
-from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour
+from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour, unless_none
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import WAITING, Replies
-from surefoot.bus.seals import ASKED, Asked, Guard, Sealed, as_digits, born_ms, sealed_name, without_seal
+from surefoot.bus.seals import ASKED, Asked, as_digits, born_ms, sealed_name, without_seal
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Request, Wire
@@ -175,7 +176,7 @@ class ZenohBus:
         key = participants_key(topic, "*") if bounded and apart(topic) else topic.key
         subscriber = self.session.declare_subscriber(key, RingChannel(keep))
         make = partial(_guarded, self._guard, topic) if bounded and apart(topic) else partial(_delivery, topic)
-        thread = pour(subscriber.handler, make, _unless_none(sink), most_hz=most_hz)
+        thread = pour(subscriber.handler, make, unless_none(sink), most_hz=most_hz)
         self._keep.append(subscriber)
         self._pours.append(thread)
 
@@ -352,10 +353,6 @@ def _guarded(guard: Guard, topic: Topic[Any], sample: zenoh.Sample) -> Delivery 
     if not guard.passes(owner, Sealed(key, raw.payload, attachment, number, seal)):
         return None
     return Delivery(topic, None, raw, None, last if topic.kind is Kind.LATCHED else "")
-
-
-def _unless_none(sink: Callable[[Delivery], Any]) -> Callable[[Delivery | None], Any]:
-    return lambda delivery: None if delivery is None else sink(delivery)
 
 
 def _delivery_sink(guard: Guard, topic: Topic[Any], sink: Callable[[Any], Any]) -> Callable[[zenoh.Sample], None]:

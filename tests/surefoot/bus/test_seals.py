@@ -4,12 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from surefoot.bus.guard import Guard, Sealed
 from surefoot.bus.options import ZenohOptions
 from surefoot.bus.seals import (
     MOST_KNOWN,
     VARIABLE,
-    Guard,
-    Sealed,
     born_ms,
     given_secret,
     new_secret,

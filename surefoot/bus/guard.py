@@ -1,0 +1,95 @@
+"""Check of the seals of messages to participants that do not travel in frames, such as maps and reports of ticks."""
+
+import secrets
+from typing import Any, NamedTuple, cast
+
+from pydantic_core import from_json
+
+from surefoot.bus.codec import MAX_JSON_BYTES
+from surefoot.bus.seals import BORN, DRAWN, DRIVER, MOST_KNOWN, SEAL, born_ms, seal_of
+
+MOST_NAMED, MOST_SHOWN, OTHERS = 16, 80, "other keys"
+"""`MOST_NAMED`: largest number of keys of refused messages that a report names; `MOST_SHOWN`: characters to which each
+is cut; `OTHERS`: name under which further keys are counted."""
+
+
+class Sealed(NamedTuple):
+    """Message to participants as it came: key, payload, attachment, seal and its time (ns of monotonic time)."""
+
+    key: str
+    payload: bytes
+    attachment: bytes | None
+    number: bytes
+    seal: bytes
+
+
+class Guard:
+    """Check of the seals of messages to participants that do not travel in frames, such as maps and reports of ticks.
+
+    The messages of a service must be sealed once a process with a sealed name has shown its token.
+
+    Args:
+        secret: secret of the system; empty = every message passes.
+    """
+
+    def __init__(self, secret: str) -> None:
+        self._secret = secret
+        self._names, self._services = set[str](), set[str]()
+        self._drivers: dict[str, None] = {}
+        self._crowded = False
+        self._newest: dict[str, int] = {}
+        """Time of the newest sealed message of each key, ns of monotonic time."""
+        self._forged: dict[str, int] = {}
+
+    def on_token(self, service: str, instance: str) -> None:
+        """Record a token: messages of a service whose process has a sealed name must be sealed from now on.
+
+        The name of the driver is sealed for another service, whose token its process shows, too.
+        """
+        if born_ms(self._secret, service, instance):
+            self._names.add(instance)
+            self._services.add(service)
+        elif service == DRIVER and len(instance) == DRAWN + BORN + SEAL and instance[:1] == "f":
+            self._drivers[instance] = None
+            if len(self._drivers) > MOST_KNOWN:  # no system has as many: somebody hides the driver among them
+                self._drivers.pop(next(iter(self._drivers)), None)
+                self._crowded = True
+        if not self._names.isdisjoint(self._drivers) or (self._crowded and self._names):
+            self._services.add(DRIVER)
+
+    def passes(self, owner: str, message: Sealed) -> bool:
+        """Return whether a message of a service may be read; one without its seal, or that came before, is counted."""
+        if owner not in self._services:
+            return True
+        key, number = message.key, int(message.number or b"0")
+        name = f"{key} {number}".encode()
+        seal = seal_of(self._secret, name, message.attachment or b"", message.payload)
+        if not secrets.compare_digest(message.seal, seal) or number <= self._newest.get(key, 0):
+            return self._refuse(key)
+        self._newest[key] = number
+        return True
+
+    def owns(self, key: str, owner: str, payload: bytes) -> bool:
+        """Return whether a message comes on the key of the service that it names as its source, or names none.
+
+        The last word of a key such as ``@tick/walker`` is that service.
+        """
+        try:
+            named: Any = from_json(payload) if 0 < len(payload) <= MAX_JSON_BYTES else {}
+        except ValueError:
+            return True  # refused where it is decoded, as one that is too large
+        table = cast("dict[str, Any]", named) if isinstance(named, dict) else {}
+        sources = [table.get(name, owner) for name in ("source", "service")]
+        return all(source in ("", owner) for source in sources) or self._refuse(key.rpartition("/")[0] + "/*")
+
+    def _refuse(self, key: str) -> bool:
+        key = key[:MOST_SHOWN]
+        if key not in self._forged and len(self._forged) >= MOST_NAMED:
+            key = OTHERS
+        self._forged[key] = self._forged.get(key, 0) + 1
+        return False
+
+    def forged(self) -> list[tuple[str, int]]:
+        """Return key and number of the messages that were refused since the last call."""
+        found, self._forged = list(self._forged.items()), {}
+        return found
