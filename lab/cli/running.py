@@ -1,6 +1,7 @@
 """Systems that run on this machine, and selection of those that a command applies to."""
 
 import os
+from contextlib import suppress
 from typing import NamedTuple
 
 from surefoot.errors import ConfigError
@@ -37,6 +38,18 @@ class RunningSystem(NamedTuple):
         processes = {} if self.folder is None else self.folder.processes()
         kind = self.connect.partition("/")[0]
         return tuple(f"{kind}/127.0.0.1:{port}" for found in processes.values() for port in ports_of(found.pid))
+
+    def secret(self) -> str:
+        """Return the secret of the system, if this user runs it or the environment has it; empty if neither."""
+        from surefoot.state import secret_of
+
+        if found := secret_of(self.connect, self.namespace):
+            return found
+        from surefoot.bus.seals import given_secret
+
+        with suppress(ConfigError):  # one that cannot be used must not prevent a stop
+            return given_secret()
+        return ""
 
     @property
     def robot(self) -> str | None:

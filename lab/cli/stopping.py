@@ -65,14 +65,14 @@ def _stop(system: RunningSystem, reason: str, timeout_s: float, began: float) ->
             continue
         tried = True
         try:
-            stopper = Stopper(ways, system.namespace)
+            stopper = Stopper(ways, system.namespace, system.secret())
+            try:
+                done = stopper.stop(reason, timeout_s)
+            finally:
+                stopper.close()
         except Exception as error:  # of the network library: whatever it is, the robot is not stopped
             problem = f"{', '.join(ways)} cannot be reached ({error})"
             continue
-        try:
-            done = stopper.stop(reason, timeout_s)
-        finally:
-            stopper.close()
         if done is not None:
             after_ms = round(1e3 * (time.monotonic() - began), 1)
             return Stopped(system.name, done.driver, done.stopped, done.tick, after_ms)
