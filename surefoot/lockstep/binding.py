@@ -71,6 +71,13 @@ class Bindings:
         """Return whether a process has a liveliness token of a service."""
         return instance in self._visible.get(service, ())
 
+    def why_not(self, service: str, instance: str) -> str:
+        """Return in words why a process cannot act as a service; empty if it may, once it has tested its links."""
+        if not self.visible(service, instance):
+            return f"no liveliness token of {service} {instance!r}"
+        bound = self.bound.get(service)
+        return "" if bound == instance or self._may_bind(service, instance) else f"{service} is {bound!r}, which runs"
+
     def candidates(self, service: str) -> tuple[str, ...]:
         """Return the processes that may answer as a service: the bound one, or those that may take its place.
 

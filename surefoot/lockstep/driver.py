@@ -91,7 +91,7 @@ class DriverNode(Node):
         """Reason why the run was ended before its time, in words; empty = it was not."""
         self._judging = tuple(topic.key for topic in service.outputs if topic.observers_only)
         self._unrevealed: list[tuple[int, DueSample]] = []
-        self._joining: dict[str, float] = {}
+        self._joining: dict[str, tuple[str, float]] = {}
         self._next_prime = self._next_repeat = self._next_status = 0.0
         self._since, self._resends = 0.0, 0
         self._awaited: set[str] = set()
@@ -144,9 +144,9 @@ class DriverNode(Node):
     def _on_join(self, request: JoinRequest) -> JoinReply:
         if self.leader.state in ("idle", "ended"):
             return JoinReply(accepted=False, reason=f"the run is {self.leader.state}; wait for the next reset")
-        if not self.bindings.visible(request.service, request.instance):
-            return JoinReply(accepted=False, reason=f"no liveliness token of {request.service} {request.instance!r}")
-        self._joining[request.service] = self.clock()
+        if why := self.bindings.why_not(request.service, request.instance):
+            return JoinReply(accepted=False, reason=why)
+        self._joining[request.service] = request.instance, self.clock()
         return JoinReply(accepted=True)
 
     def _on_delivery(self, delivery: Delivery) -> None:
@@ -182,7 +182,7 @@ class DriverNode(Node):
             self.refuse("too_far_ahead", text)
         elif not done.ready:
             self.leader.on_done(done.source, done.instance, done.tick)
-        elif not self.bindings.bind(done.source, done.instance):
+        elif done.source in (self.name, DRIVER) or not self.bindings.bind(done.source, done.instance):
             self.refuse("unbound", f"{done.source} {done.instance!r} is ready, but is not the one that runs")
         elif self.bindings.visible(done.source, done.instance):  # else it is late, its process is gone
             self.leader.on_ready(done.source, done.instance)
@@ -376,8 +376,8 @@ class DriverNode(Node):
 
     def _admit_joiners(self) -> None:
         now = self.clock()
-        for service, asked in list(self._joining.items()):
-            if service in self.leader.members or service in self.leader.ready or now - asked > 1.0:
+        for service, (instance, asked) in list(self._joining.items()):
+            if self.leader.knows(service, instance) or now - asked > 1.0:
                 del self._joining[service]
         if self._joining:
             self._prime()

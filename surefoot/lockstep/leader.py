@@ -88,6 +88,11 @@ class Leader:
         if member is None or member.instance != instance or service in self.lost:
             self.ready[service] = instance
 
+    def knows(self, service: str, instance: str) -> bool:
+        """Return whether a process is on the roster or ready to join it; another process of its service is not it."""
+        member = self.members.get(service)
+        return self.ready.get(service) == instance or (member is not None and member.instance == instance)
+
     def on_done(self, service: str, instance: str, tick: int) -> None:
         """Record that a member of the roster has finished a tick; reports of its former processes do not count."""
         member = self.members.get(service)

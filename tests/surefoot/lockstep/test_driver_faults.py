@@ -3,6 +3,7 @@
 import pytest
 
 from surefoot.bus.interface import Delivery, Life
+from surefoot.bus.memory import MemoryBus
 from surefoot.lockstep import driver as runtime
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.node import Node
@@ -94,6 +95,40 @@ def test_degrade_goes_on_at_once_and_takes_the_newcomer_in_at_a_tick() -> None:
     assert set(new.versions) == {4}
     without = [t.tick for t in bench.ticks if "estimator" not in t.roster]
     assert without == list(range(without[0], without[-1] + 1))
+
+
+def test_a_newer_process_joins_though_the_token_of_its_killed_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a stranger holds a link in the name of the killed process."""
+    age: dict[str, int] = {}
+    monkeypatch.setattr(MemoryBus, "born_ms", lambda _, service, instance: age.setdefault(instance, len(age) + 1))
+    bench = Bench(policy="degrade", mode="paced", at=20)
+    monkeypatch.setattr(bench.bus, "depart", lambda name: None)
+    bench.kill("estimator")
+    bench.until_tick(30)
+    new = bench.revive(MapReader())
+    bench.bus.call(SIM_JOIN, JoinRequest(service="estimator", instance=new.instance))
+    bench.until(lambda: bench.leader.members["estimator"].instance == new.instance)
+    (walker,) = (node for node in bench.system.nodes if node.name == "walker")
+    bench.until(lambda: walker.bindings.bound["estimator"] == new.instance)
+
+
+def test_a_process_beside_a_bound_one_that_runs_does_not_join() -> None:
+    bench = Bench(at=20)
+    bench.bus.announce("estimator", "stranger")
+    reply = bench.bus.call(SIM_JOIN, JoinRequest(service="estimator", instance="stranger"))
+    assert not reply.accepted
+    assert "which runs" in reply.reason
+
+
+@pytest.mark.parametrize("name", ["driver", "simulator"])
+def test_the_driver_is_no_member_of_its_own_roster(name: str) -> None:
+    bench = Bench(at=20)
+    bench.bus.announce(name, bench.node.instance)
+    ready = Done(tick=-1, epoch=1, source=name, instance=bench.node.instance, ready=True)
+    bench.node.handle(Delivery(TICK_DONE.of(name), ready, None))
+    assert bench.node.refused["unbound"] == 1
+    bench.finish(60)
+    assert name not in bench.leader.members
 
 
 def test_fail_ends_the_run() -> None:
