@@ -101,7 +101,8 @@ class Join:
         """Keys of declared inputs that will never be published, as the driver has no such sensor."""
         self.epoch = -1
         self.last = -1
-        self.on_roster = False
+        self.on_roster = self.outrun = False
+        """`outrun`: True while ticks come of a later run, of which this service was not informed (by a prime)."""
         self.begun: int = 0
         """Number of times a run began, including again for a service that another process had misled."""
         self._newest = self._admitted = -1
@@ -151,16 +152,15 @@ class Join:
             known = max(self.epoch, self._announced)
             early = key in self._latched_keys and epoch <= known + 1  # it may overtake the prime of its run
             if known >= 0 and epoch != self._announced and not early:
+                self.outrun = self.outrun or key == _TICK
                 return "epoch_ahead"
         if key == _TICK:
             return self._offer_tick(cast(Tick, message))
         if here and not self._first_ns <= message.stamp_ns <= self._last_ns + tick * TICK_NS:
             return "stamp"
         if key in self._latched_keys:
-            if (
-                self._latched.get((key, epoch)) != value
-            ):  # sent again it stays the same object: services look for a new one
-                self._latched[key, epoch] = value
+            if self._latched.get((key, epoch)) != value:  # sent again it stays the same object
+                self._latched[key, epoch] = value  # services look for a new one
             if len(self._latched) > MAX_AHEAD:  # before the first tick: any epoch may be the run's
                 del self._latched[next(iter(self._latched))]
             self._lacking = None
@@ -237,7 +237,7 @@ class Join:
         self.begun += 1
         self._first_ns, self._last_ns = -math.inf, math.inf  # until the first tick
         self.last = self._newest = self._admitted = -1
-        self.on_roster = False
+        self.on_roster = self.outrun = False
         self._unbegun = self._repeated = 0
         self._lacking = None
         self._ticks.clear()
@@ -257,9 +257,7 @@ class Join:
         if tick.tick < first:
             return "not_on_roster"
         if tick.tick < self._admitted and tick.roster_version <= 1:
-            self._begin(
-                tick.epoch
-            )  # no service was admitted after the start of this run, so the driver did not admit this one later
+            self._begin(tick.epoch)  # it was admitted at the start of this run, as no service was admitted later
             self._forget(tick.epoch)
         elif tick.tick <= self.last:
             return "replay"
@@ -274,7 +272,7 @@ class Join:
             self._slots = {key: slot for key, slot in self._slots.items() if key >= oldest}
         elif tick.mode == "lockstep" and tick.tick > self.last + MAX_AHEAD:
             return "too_far_ahead"
-        self._unbegun = 0
+        self._unbegun, self.outrun = 0, False
         if tick.tick > self._newest:
             self._newest, self._repeated = tick.tick, 0
         if self._last_ns == math.inf:

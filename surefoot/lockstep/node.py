@@ -178,7 +178,7 @@ class Node:
         self._beat()
         if (now := self.clock()) >= self._next_join:
             self._next_join = now + JOIN_RETRY_S
-            if not self.stopping and not self.join.on_roster and now - self._primed_at > JOIN_RETRY_S:
+            if (self.join.outrun or not self.join.on_roster) and now - self._primed_at > JOIN_RETRY_S:
                 self._ask_to_join()
         self._answers.expire(self.name)
         return max(0.0, min(self._next_health, self._next_join) - self.clock())
@@ -191,7 +191,7 @@ class Node:
             self._publishers[f"health/{self.name}"].put(self.health())
 
     def _ask_to_join(self) -> None:
-        for code in self.links.join(join_request(self)):
+        for code in () if self.stopping else self.links.join(join_request(self)):
             self.refused[f"join_{code}"] += 1
 
     def handle(self, item: Any) -> None:

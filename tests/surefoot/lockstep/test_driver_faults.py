@@ -1,5 +1,7 @@
 """Lost, returning and frozen members."""
 
+import time
+
 import pytest
 
 from surefoot.bus.interface import Delivery, Life
@@ -110,6 +112,24 @@ def test_a_newer_process_joins_though_the_token_of_its_killed_one_stays(monkeypa
     bench.until(lambda: bench.leader.members["estimator"].instance == new.instance)
     (walker,) = (node for node in bench.system.nodes if node.name == "walker")
     bench.until(lambda: walker.bindings.bound["estimator"] == new.instance)
+
+
+def test_a_run_that_begins_without_services_takes_in_those_of_the_run_before() -> None:
+    """As after a request of `sim/reset` that names no service to wait for."""
+    bench, now = Bench(at=20), [time.monotonic()]
+    for node in bench.system.nodes:
+        node.clock = lambda: now[0]
+    assert bench.node.begin((), "lockstep", 0.0, 1, "hold", 0) == 2
+
+    def joined() -> bool:
+        now[0] += 0.05
+        for node in bench.system.nodes:
+            node.timers()
+        return set(bench.leader.members) == set(EXPECT)
+
+    bench.until(joined)
+    bench.until_tick(bench.leader.tick + 30)
+    assert not any(node.join.outrun for node in bench.system.nodes)
 
 
 def test_a_process_beside_a_bound_one_that_runs_does_not_join() -> None:
