@@ -126,6 +126,18 @@ def resident_mb(pid: int, *, peak: bool = False) -> float:
     return int(next(line for line in text.splitlines() if line.startswith(field)).split()[1]) / 1024.0
 
 
+def children(pid: int) -> list[int]:
+    """Return the ids of the child processes of a process."""
+    threads = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for thread in threads for child in thread.read_text().split()]
+
+
+def proportional_mb(pid: int) -> float:
+    """Return the memory of a process, MB, in which a page that n processes share counts 1/n."""
+    text = Path(f"/proc/{pid}/smaps_rollup").read_text()
+    return int(next(line for line in text.splitlines() if line.startswith("Pss:")).split()[1]) / 1024.0
+
+
 def forget_peak(pid: int) -> None:
     """Reset the peak memory of a process."""
     Path(f"/proc/{pid}/clear_refs").write_text("5")

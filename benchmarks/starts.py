@@ -2,6 +2,7 @@
 
 import os
 import random
+import signal
 import statistics
 import subprocess
 import sys
@@ -11,11 +12,15 @@ import zipfile
 from pathlib import Path
 
 from benchmarks.bench import Bench, of_children, table, words_of
+from benchmarks.machine import children, proportional_mb
 from surefoot.lab.runs.local import run_local
 from surefoot.record.recording import read_recording
+from surefoot.services.supervisor.processes.process import busy_s
+from surefoot.services.supervisor.processes.rundir import RunFolder
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 from tests.e2e.live import RUN_S, SERVICES, Live, wait_until
 from tests.e2e.test_live import declared
+from tests.ports import free_address
 
 BENCH = Bench("starts")
 
@@ -139,6 +144,64 @@ def warm(*, against: str = "", rounds: int = 1) -> None:
     rows = [(f"{path} {' '.join(words)}", *(statistics.median(pair[i] for pair in pairs) for i in (0, 1)))
             for (path, words), pairs in took.items()]  # fmt: skip
     table("cold kernels", ("checkout", "processor s", "wall s"), rows)
+
+
+def back(folder: RunFolder, pid: int) -> bool:
+    """Return True once the estimator of a system is healthy in another process than `pid`."""
+    return any(
+        row["service"] == "estimator" and row["state"] == "healthy" and row["pid"] != pid for row in folder.read_rows()
+    )
+
+
+def up_once(checkout: Path) -> tuple[float, float, float, float]:
+    """Return wall and processor seconds of `surefoot up ragno` of a checkout, MB it holds, and s of a restart."""
+    with tempfile.TemporaryDirectory() as name:
+        own = {"XDG_STATE_HOME": name, "SUREFOOT_LISTEN": free_address(), "PYTHONPATH": str(checkout)}
+
+        def surefoot(*words: str) -> bytes:
+            command = [sys.executable, "-m", "surefoot.lab.cli.main", *words]
+            return subprocess.run(command, cwd=checkout, env=os.environ | own, check=True, capture_output=True).stdout
+
+        folder = RunFolder("ragno", Path(name) / "surefoot")
+        began = time.monotonic()
+        surefoot("up", "ragno", "-d")
+        wall = time.monotonic() - began
+        try:
+            leader = folder.supervisor()
+            assert leader is not None
+            pids = [leader.pid, *children(leader.pid)]
+            busy, held = busy_s(pids), sum(proportional_mb(pid) for pid in pids)
+            pid = folder.processes()["estimator"].pid
+            os.kill(pid, signal.SIGKILL)
+            killed = time.monotonic()
+            while not back(folder, pid):
+                time.sleep(0.02)
+            return wall, busy, held, time.monotonic() - killed
+        finally:
+            surefoot("down", "ragno")
+
+
+@BENCH.part()
+def systems(*, against: str = "", rounds: int = 3) -> None:
+    """Start the system of Ragno in processes, beside other checkouts, in turn: time, processor, memory, a restart.
+
+    Processor time is that of the supervisor and its children when `surefoot up` returns. Memory is proportional: a page
+    that n processes share counts 1/n in each. The restart is that of the estimator after SIGKILL, until it is healthy.
+
+    Args:
+        against: folders of other checkouts, comma-separated; they use this interpreter and its packages.
+        rounds: number of starts of each checkout.
+    """
+    places = [*(Path(name).resolve() for name in words_of(against)), HERE]
+    took: dict[Path, list[tuple[float, ...]]] = {place: [] for place in places}
+    for _ in range(rounds):
+        for place in places:
+            took[place].append(up_once(place))
+    table(
+        "up ragno",
+        ("checkout", "wall s", "processor s", "MB", "restart s"),
+        [(place, *(statistics.median(column) for column in zip(*found, strict=True))) for place, found in took.items()],
+    )
 
 
 def installed(folder: Path) -> Path:

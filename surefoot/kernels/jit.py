@@ -61,6 +61,7 @@ def _load_without_scipy() -> None:
 _load_without_scipy()
 
 import numba  # noqa: E402  # pyright: ignore[reportMissingTypeStubs] - after what has to be loaded without scipy
+from numba.core.registry import cpu_target  # noqa: E402  # pyright: ignore[reportMissingTypeStubs]
 
 TESTED = "0.68."
 """Prefix of the numba versions whose internals `surefoot.kernels.linking` supports; others compile by numba alone."""
@@ -111,6 +112,13 @@ def free_kernel(function: F) -> F:
     x / 0 is inf or NaN as in numpy, without an exception. The machine code is kept on disk.
     """
     return _compiled(function, error_model="numpy", nogil=True)
+
+
+def load_tables() -> None:
+    """Load numba's tables of types and functions, which takes 0.15 s; without a call the first kernel loads them."""
+    contexts: Any = cpu_target
+    contexts.typing_context.refresh()
+    contexts.target_context.refresh()
 
 
 def loaded() -> dict[str, int]:

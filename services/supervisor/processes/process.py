@@ -11,6 +11,7 @@ from typing import IO
 
 from surefoot.lockstep.ending import ENDS
 
+from .forks import SERVICE, Forked, ForkServer
 from .identity import identify
 from .logs import tail
 
@@ -21,8 +22,15 @@ MAX_LOG_BYTES = 32 * 1024 * 1024  # a larger log is set aside as <name>.log.1 at
 class Child:
     """Child process, of a service or of a supervisor in the background, with its log."""
 
-    def __init__(self, name: str, command: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
-        """Start the process in a group of its own, with both outputs in `log`.
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        environment: Mapping[str, str],
+        log: Path,
+        forks: ForkServer | None = None,
+    ) -> None:
+        """Start the process in a group of its own, with both outputs in `log`; a service by a fork where possible.
 
         Raises:
             OSError: when the program cannot be started.
@@ -31,15 +39,8 @@ class Child:
         self.command = tuple(command)
         self.log = log
         resolved = resolve_command(command)
-        with _open_log(log) as stream, _held_back(resolved):
-            self._process = subprocess.Popen(
-                resolved,
-                env={**os.environ, **environment},
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
+        with _open_log(log) as stream:
+            self._process = _forked(command, environment, log, forks) or _begun(resolved, environment, stream)
         self.pid = self._process.pid
         self.identity = identify(self.pid)
 
@@ -82,10 +83,30 @@ class Child:
         return "\n".join(tail(self.log, lines)).rstrip()
 
 
+def _forked(
+    command: Sequence[str], environment: Mapping[str, str], log: Path, forks: ForkServer | None
+) -> Forked | None:
+    if forks is None or command[0] != SERVICE or not forks.serves(command[1:], environment):
+        return None
+    return forks.start(resolve_command(command), command[1:], environment, log)
+
+
+def _begun(command: Sequence[str], environment: Mapping[str, str], log: IO[bytes]) -> subprocess.Popen[bytes]:
+    with _held_back(command):
+        return subprocess.Popen(
+            command,
+            env={**os.environ, **environment},
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+
 def resolve_command(command: Sequence[str]) -> list[str]:
     """Return the command, this project's programs and `python` replaced by those of the present interpreter."""
     program, *arguments = command
-    if program == "surefoot-service":
+    if program == SERVICE:
         return [sys.executable, "-m", SERVICE_MODULE, *arguments]
     if program == "surefoot":
         return [sys.executable, "-m", "surefoot.lab.cli.main", *arguments]

@@ -107,6 +107,8 @@ class Session:
         self.folder.acquire()
         try:
             self._clean_up()
+            if self._spawn:
+                self.system.prepare()
             self._bus = self._open_router()
             self.folder.write_endpoint(
                 Endpoint(self.listen, self.namespace, str(self.compose.path.resolve()), self.robot), self._secret

@@ -10,6 +10,7 @@ from surefoot.logline import said
 from surefoot.schemas.system import ServiceStatus
 
 from .compose import Compose, ComposeService
+from .forks import ForkServer, fork_server
 from .identity import await_end
 from .logs import tail
 from .process import Child
@@ -71,6 +72,7 @@ class System:
         self._arguments = dict(extra_arguments or {})
         self._clock = clock
         self._spawn = spawn or self._start_process
+        self._forks: ForkServer | None = None
         self._on_action = on_action
         self._services = {name: service for name, service in compose.services.items() if name != SELF}
         self._wanted = tuple(
@@ -89,6 +91,10 @@ class System:
     def service_names(self) -> tuple[str, ...]:
         """Services that are processes of their own, in dependency order."""
         return tuple(self._services)
+
+    def prepare(self) -> None:
+        """Begin to import the services in a process of which each is a fork; nothing starts until it has."""
+        self._forks = fork_server(self._services.values())
 
     def heard(self, service: str, pid: int, *, well: bool) -> None:
         """Record a heartbeat of a process; `well` false: it is still starting. Any thread may call it.
@@ -118,6 +124,8 @@ class System:
 
     def step(self, *, shutdown: bool = False) -> tuple[ProcessAction, ...]:
         """Check every process once; carry out and return the actions that the reconciler decides on."""
+        if self._forks is not None and not self._forks.ready() and not shutdown:
+            return ()
         now = self._clock()
         if self._looked is not None and now - self._looked > PAUSE_S:
             self._forgive_silence(now)
@@ -169,6 +177,8 @@ class System:
             self.step(shutdown=True)
             self.wait(STEP_S)
         self.step(shutdown=True)
+        if self._forks is not None:
+            self._forks.close()
         return not self.running()
 
     def signal_kill(self, service: str) -> None:
@@ -267,7 +277,8 @@ class System:
 
     def _start_process(self, service: ComposeService) -> Process:
         command = (*service.command, *self._arguments.get(service.name, ()))
-        return Child(service.name, command, {**self._environment, **service.environment}, self.folder.log(service.name))
+        environment = {**self._environment, **service.environment}
+        return Child(service.name, command, environment, self.folder.log(service.name), self._forks)
 
     def _store(self) -> None:
         """Store the identities of the system's processes for a successor, in case this supervisor dies."""
