@@ -3,7 +3,8 @@
 The wheel is for the Python that runs this program, and for x86-64 processors with AVX2 and FMA; elsewhere, and with
 another version of numba, kernels are compiled on first use as from a plain wheel. Kernels that the checkout has
 compiled are taken over; missing ones are compiled by the wheel's own code, as by `surefoot warm --all`, and by a first
-call of each function of the library.
+call of each function of the library. With `--systems` these are the kernels of some systems, of a run in one process
+and of an estimate only.
 """
 
 import argparse
@@ -124,7 +125,8 @@ def _compile(site: Path, systems: Sequence[str] | None) -> None:
         subprocess.run(command, check=True, env=kept, cwd=environment, stdout=sys.stderr)
 
     run("-m", "surefoot.lab.cli.main", "warm", *(["--all"] if systems is None else systems))
-    run("-c", FIRST_CALLS, *map(str, sorted((ROOT / "examples" / "library").glob("*.py"))))
+    examples = () if systems else sorted((ROOT / "examples" / "library").glob("*.py"))
+    run("-c", FIRST_CALLS, *map(str, examples))
     run("-m", "surefoot.lab.cli.main", "estimate", "stand.mcap", "--calibrate")
     stamps = sorted({path.name for path in (environment / "cache" / "surefoot" / "warm").glob("*/*")})
     (site / BROUGHT).write_text("\n".join(stamps) + "\n")

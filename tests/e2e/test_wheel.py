@@ -98,7 +98,7 @@ def installed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def compiled(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel with all kernels of Ragno and of the library."""
+    """The wheel with all kernels of Ragno, of a run in one process and of an estimate."""
     return environment_with(tmp_path_factory.mktemp("compiled"), source, "--systems", "ragno")
 
 
