@@ -267,7 +267,8 @@ def _sealed(reply: zenoh.Reply, asked: Asked, secret: str) -> bool:
     if reply.ok is None:
         error = reply.err
         given = b"" if error is None else str(error.encoding).rpartition(";")[2].encode()
-        return error is not None and secrets.compare_digest(given, asked.seal(secret, error.payload.to_bytes(), None))
+        payload = b"" if error is None else error.payload.to_bytes()
+        return error is not None and secrets.compare_digest(given, asked.seal(secret, payload, None, failed=True))
     sealed = reply.ok.attachment
     attachment, digits, seal = without_seal(None if sealed is None else sealed.to_bytes())
     if digits != asked.digits:

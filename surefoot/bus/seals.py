@@ -135,12 +135,16 @@ class Asked(NamedTuple):
     payload: bytes
     attachment: bytes | None
 
-    def seal(self, secret: str, answer: bytes, attachment: bytes | None) -> bytes:
-        """Return ``<digits>:<seal>`` of an answer to this query; empty without digits or without a secret."""
+    def seal(self, secret: str, answer: bytes, attachment: bytes | None, *, failed: bool = False) -> bytes:
+        """Return ``<digits>:<seal>`` of an answer to this query; empty without digits or without a secret.
+
+        ``failed``: the answer is an error; its seal is another one, so that neither can be taken for the other.
+        """
         if not (secret and self.digits):
             return b""
         more = self.attachment or b""
-        name = b"?%s %s %d;" % (self.key.encode(), self.digits, len(more)) + more + self.payload
+        kind = b"!" if failed else b"?"
+        name = b"%s%s %s %d;" % (kind, self.key.encode(), self.digits, len(more)) + more + self.payload
         return self.digits + b":" + seal_of(secret, name, attachment or b"", answer)
 
 

@@ -83,7 +83,7 @@ class ZenohIncoming:
 
     def fail(self, error: SurefootError) -> None:
         payload = encode(error.reply())[0]
-        seal = self._seal(payload, None).decode()  # in the encoding: an error has no attachment
+        seal = self._seal(payload, None, failed=True).decode()  # in the encoding: an error has no attachment
         encoding = f"{encoding_of(ErrorReply)};{seal}" if seal else encoding_of(ErrorReply)
         self._later(partial(self._send, lambda q: q.reply_err(payload, encoding=encoding)))
 
@@ -102,10 +102,10 @@ class ZenohIncoming:
         sealed = (attachment or b"") + b"\n" + seal if seal else attachment
         self._send(lambda q: q.reply(self._key, payload, encoding=encoding, attachment=sealed))
 
-    def _seal(self, payload: bytes, attachment: bytes | None) -> bytes:
+    def _seal(self, payload: bytes, attachment: bytes | None, *, failed: bool = False) -> bytes:
         request, digits = self._asked.payload, as_digits(str(self._asked.parameters.get(ASKED, "")))
         asked = Asked(self._key, digits, b"" if request is None else request.to_bytes(), self._attachment)
-        return asked.seal(self._secret, payload, attachment)
+        return asked.seal(self._secret, payload, attachment, failed=failed)
 
     def _send(self, send: Callable[[zenoh.Query], None]) -> None:
         with self._asked as asked:

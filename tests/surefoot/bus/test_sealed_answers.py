@@ -46,6 +46,17 @@ def with_a_seal(asked: zenoh.Query) -> None:
         asked.reply(asked.key_expr, WRONG.model_dump_json().encode(), attachment=f"\n{digits}:{'0' * 16}".encode())
 
 
+def answer_as_error(asked: zenoh.Query) -> None:
+    """Pass on the owner's right and sealed answer as an error, which a caller would take for a refusal of its order."""
+    request = asked.payload
+    digits = str(asked.parameters.get("seal", "")).encode()
+    query = Asked(STABILITY_REGION.key, digits, b"" if request is None else request.to_bytes(), None)
+    payload = RIGHT.model_dump_json().encode()
+    with asked:
+        seal = query.seal(SECRET, payload, None).decode()
+        asked.reply_err(payload, encoding=f"application/json;surefoot/ErrorReply/1.0;{seal}")
+
+
 @contextmanager
 def relayed(net: Net, name: str, key: str, handler: Any) -> Iterator[None]:
     """A stranger's router beside that of the system, and behind it a session that serves under a copied name."""
@@ -68,7 +79,7 @@ def opened(mode: str, connect: str, listen: str = "", name: str = "") -> zenoh.S
     return zenoh.open(config)
 
 
-@pytest.mark.parametrize("handler", [wrong, wrong_error, with_a_seal])
+@pytest.mark.parametrize("handler", [wrong, wrong_error, with_a_seal, answer_as_error])
 def test_what_a_copied_name_answers_is_not_taken(net: Net, handler: Any) -> None:
     owner = net.open(identity="stability", secret=SECRET)
     with relayed(net, owner.new_instance(), STABILITY_REGION.key, handler):
@@ -147,6 +158,7 @@ def test_a_seal_holds_for_one_answer_to_one_question(answer: bytes, attachment: 
         assert other.seal(SECRET, answer, attachment).partition(b":")[2] != seal
     assert ASKED.seal(SECRET, answer + b" ", attachment) != found
     assert ASKED.seal(OTHER, answer, attachment) != found
+    assert ASKED.seal(SECRET, answer, attachment, failed=True) != found
 
 
 @pytest.mark.parametrize("given", ["", "x", "1" * 21, "1" * 19 + "\u00e9", "\u0661", "1\n2", "-1"])
