@@ -97,6 +97,8 @@ class NavigationGoal:
     """Number of stands for a camera frame at the present waypoint so far."""
     waited: float = 0.0
     """Time spent waiting for a free path, s."""
+    backs: int = 0
+    """Number of steps back since the last walk ahead."""
     turns: int = 0
     """Number of turns to the wanted final heading so far."""
     start: Point | None = None

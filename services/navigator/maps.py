@@ -30,14 +30,14 @@ class Maps:
 
     Args:
         config: names the files, with the radius of the robot, m, and the viewing distance, m.
-        keep: time for which an obstacle that the map does not know is remembered, s.
+        conduct: distances of echoes, m, and times; None = the defaults.
 
     Raises:
         Refusal: a map file that cannot be used, or a radius of the robot above 0.35 m.
     """
 
-    def __init__(self, config: NavigatorConfig, keep: float = Conduct().remember) -> None:
-        self.config, self._keep = config, keep
+    def __init__(self, config: NavigatorConfig, conduct: Conduct | None = None) -> None:
+        self.config, self.conduct = config, conduct or Conduct()
         self._clearance = Clearance(radius=config.robot_radius, through_unknown=config.through_unknown)
         self._limits = RouteLimits(leg=config.viewing_distance)
         self._filed = None if config.map is None else map_files.load(config.map)
@@ -95,8 +95,8 @@ class Maps:
             self._costs = prepare(self.grid, self._clearance)
         return self._costs
 
-    def see(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> None:
-        """Enter a reading of the ranger into the local map.
+    def see(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> bool:
+        """Enter a reading of the ranger into the local map; return True if its echo is of nothing in the map.
 
         Args:
             seen: the reading.
@@ -105,10 +105,10 @@ class Maps:
             now: simulated time, s.
         """
         if self.grid is None:
-            return
+            return False
         if self._seen is None or self._seen.grid is not self.grid:
-            self._seen = SeenObstacles(self.grid, self._clearance.obstacle, self._keep)
-        self._seen.take(seen, at, unsure, now)
+            self._seen = SeenObstacles(self.grid, self._clearance.obstacle, self.conduct.remember)
+        return self._seen.take(seen, at, unsure, now)
 
     def free(self, here: Point, route: tuple[Point, ...]) -> bool:
         """Return True if no obstacle unknown to the map was seen by the ranger on the next 2 m of a route from `here`.
@@ -116,6 +116,14 @@ class Maps:
         here, route: x, y in m, frame map.
         """
         return self._seen is None or self._seen.free(here, route, INSIDE * self._clearance.radius)
+
+    def enterable(self, here: Point, place: Point) -> bool:
+        """Return True if the robot may go straight from `here` to a place near by: x, y in m, frame map."""
+        if self.costs is None:
+            return True
+        row, col = self.costs.grid.index(*place)
+        inside = self.costs.grid.inside(row, col) and self.costs.weight[row + 1, col + 1] > 0
+        return inside and self.free(here, (place,))
 
     def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
         """Return waypoints to each place around obstacles of map and ranger, or straight lines without a map.

@@ -18,11 +18,13 @@ from .belief.tracker import Motion, PoseTracker
 from .belief.ukf import wrap
 from .goals import Act, End, GaitView, NavigationGoal, Point
 from .maps import Maps
-from .orders import Orders
+from .orders import Orders, command_of, step_back, straight
 from .policy.decider import Decider
 from .policy.settings import Conduct
 from .searching import Aside, Search, no_way
 
+CLOSE_S = 0.5
+"""Time for which something close counts after it was sensed, s: half a stride, as the other foot is not at it."""
 BLOCKED_SHARE = 0.25
 """Share of the decisions without progress at which a near echo forbade walking, from which on a stuck goal ends as
 blocked."""
@@ -59,7 +61,7 @@ class Pilot:
         self.decider: Decider | None = None
         self.decision: Decision | None = None
         self.decisions = 0
-        self.ended, self._now = 0.0, 0.0
+        self.ended, self._now, self._close_at = 0.0, 0.0, -math.inf
         self._stand_until = -1.0
         self._frames: int | None = None
         """Number of camera frames so far when the present stand for one began; None = no such stand."""
@@ -153,8 +155,8 @@ class Pilot:
                 tracker.move(motion)
 
     def tick(
-        self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool, lost: bool = False,
-        suspected: bool = False,
+        self, now: float, gait: GaitView, tracker: PoseTracker, *, blocked: bool, close: bool = False,
+        lost: bool = False, suspected: bool = False,
     ) -> None:  # fmt: skip
         """Execute the goal for one tick: check its limits, search a lost pose, order the next action when it is due.
 
@@ -163,10 +165,11 @@ class Pilot:
             gait: state of the walker.
             tracker: belief now.
             blocked: True = an obstacle is too near ahead to walk.
+            close: something that the map lacks is so close that the robot steps back.
             lost: the belief is wrong: the robot alternately stands for camera frames and turns, until it is right.
             suspected: it may be wrong: the robot stands and turns likewise, but not as often.
         """
-        goal = self.goal
+        goal, self._close_at = self.goal, now if close else self._close_at
         if goal is None or not self.under_way:
             return
         failure = self.orders.failure(gait)
@@ -210,6 +213,12 @@ class Pilot:
         if goal.index >= len(goal.route):
             self._arrive(goal, mean)
             return
+        close = now - self._close_at < CLOSE_S and goal.backs < self.conduct.backs
+        if close and (back := step_back(self.acts, mean, self.ways)) is not None:
+            goal.backs += 1
+            goal.recoveries["step_back"] += 1
+            self._give(command_of(back), back)
+            return
         if not self._way_is_open(goal, now, gait, mean):
             return
         self._since = [self._since[0] + blocked, self._since[1] + 1]
@@ -229,7 +238,8 @@ class Pilot:
         self.decisions += 1
         self.decision = decision.model_copy(update={"number": self.decisions, "action": act.name, "reason": reason})
         if act.kind != "stand":
-            self._give(_command(act), act)
+            goal.backs = 0 if act.kind == "walk" else goal.backs
+            self._give(command_of(act), act)
 
     def _look(self, goal: NavigationGoal, now: float, gait: GaitView, tracker: PoseTracker) -> Act | None:
         """Stand until a frame of the standing robot comes; return the stand, None = the model has no such action."""
@@ -367,8 +377,8 @@ class Pilot:
 
     def advance(self, name: str) -> float:
         """Order the action that walks ahead with the least turn; return its length, m. `name`: for its record."""
-        act = min((act for act in self.acts if act.kind == "walk"), key=lambda act: abs(act.motion.turn))
-        self._give(_command(act), replace(act, name=name))
+        act = straight(self.acts)
+        self._give(command_of(act), replace(act, name=name))
         return act.motion.forward
 
     def turn(self, name: str, angle: float) -> None:
@@ -382,16 +392,8 @@ class Pilot:
         times = abs(angle / one.motion.turn)
         motion = replace(one.motion.part(times), turn=angle)
         turn = Act(name, "turn", motion, one.duration * max(1.0, times))
-        self._give(_command(turn), turn)
+        self._give(command_of(turn), turn)
 
     def _give(self, order: WalkCommand, act: Act | None) -> None:
         self.orders.give(order, act)
         self._stand_until = -1.0
-
-
-def _command(act: Act) -> WalkCommand:
-    """Return the motion command of an action that moves the robot."""
-    m = act.motion
-    if act.kind == "turn":
-        return WalkCommand(action="turn", angle=m.turn if m.turn != 0.0 else None)
-    return WalkCommand(action="walk", distance=m.forward, angle=m.turn if m.turn != 0.0 else None)

@@ -9,25 +9,27 @@ from .belief.relocalise import placed
 from .localiser import Localiser
 from .maps import Maps
 from .planning.seen import expected_echo
-from .policy.settings import Conduct
 
 ECHO_SLACK = 0.25
 """Difference between echo and mapped distance up to which an echo supports the believed pose, m: walls are oblique."""
 
 
-def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct, now: float) -> bool:
-    """Enter a ranger reading into the local map and the check of the pose; return True if only turns are allowed.
+def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tuple[bool, bool]:
+    """Enter a ranger reading into the local map and the check of the pose; return what it forbids and asks for.
 
-    Only turns are allowed where the ranger or a bumper shows an obstacle close ahead (Osswald et al.).
+    Only turns are allowed where the ranger or a bumper shows an obstacle close ahead (Osswald et al.). The robot steps
+    back from what presses a bumper, and from what the map lacks where it is closer still.
 
     Args:
         reach: reading of the ranger.
         localiser: belief of the pose; while it is lost, nothing is entered.
         maps: obstacles, of which the local map is changed.
-        conduct: distances, m.
         now: simulated time, s.
+
+    Returns:
+        True if only turns are allowed; True if the robot is to step back.
     """
-    tracker = localiser.tracker
+    tracker, conduct, unknown = localiser.tracker, maps.conduct, False
     if not localiser.lost.lost:
         at = placed(tracker.pose, (conduct.ranger_ahead, 0.0, 0.0))
         unsure = (spread(tracker.cov), math.sqrt(max(0.0, float(tracker.cov[2, 2]))))
@@ -38,6 +40,7 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, conduct: Conduct,
             expected = max(least, reach.shortest), max(largest, reach.shortest)
             got = reach.longest if reach.distance is None else reach.distance
             localiser.echo(got, expected, ECHO_SLACK + 2.0 * unsure[0], now)
-        maps.see(reach, at, unsure, now)
-    near = reach.distance is not None and reach.distance <= max(conduct.blocked, reach.shortest)
-    return near or any(reach.bump)
+        unknown = maps.see(reach, at, unsure, now)
+    distance, bump = math.inf if reach.distance is None else reach.distance, any(reach.bump)
+    close = unknown and distance <= max(conduct.close, reach.shortest)
+    return distance <= max(conduct.blocked, reach.shortest) or bump, close or bump

@@ -53,7 +53,7 @@ class Navigator(Service[NavigatorConfig]):
 
     def on_start(self) -> None:
         self.robot, self.catalogue = load_robot(self.config.robot), Catalogue(self.config)
-        self.maps = Maps(self.config, self.catalogue.model.conduct.remember)
+        self.maps = Maps(self.config, self.catalogue.model.conduct)
         self.limits = {HW_LANDMARKS.key: longest_blind_ns(self.catalogue.model) if self.config.use_landmarks else 0}
         self.memory = GoalMemory(self.config.memory)
         self.on_reset()
@@ -79,7 +79,7 @@ class Navigator(Service[NavigatorConfig]):
             ways=self.maps, record=self.results.record, aside=leading(self.localiser, self.maps),
         )  # fmt: skip
         self.requests = Requests(self.catalogue, self.maps, self.localiser, self.pilot, self.log, self._keep)
-        self._epoch, self._blocked, self._noted = 0, False, ("idle", 0, 0)
+        self._epoch, self._blocked, self._close, self._noted = 0, False, False, ("idle", 0, 0)
 
     def on_tick(self, inputs: TickInputs) -> None:
         requests, localiser, pilot = self.requests, self.localiser, self.pilot
@@ -101,8 +101,8 @@ class Navigator(Service[NavigatorConfig]):
         localiser.search(standing=requests.gait.state == "standing")
         requests.carry_out()
         if gait is not None:
-            at, lost, suspected = localiser.tracker, localiser.lost, now < localiser.lost.suspected_until
-            pilot.tick(now, requests.gait, at, blocked=self._blocked, lost=lost.lost, suspected=suspected)
+            at, lost, suspected = localiser.tracker, localiser.lost.lost, now < localiser.lost.suspected_until
+            pilot.tick(now, requests.gait, at, blocked=self._blocked, close=self._close, lost=lost, suspected=suspected)
         self.publish(NAVIGATOR_ORDER, order_message(pilot))
         if STATE_POSE.due(inputs.number):
             self.publish(STATE_POSE, localiser.message(now, ready=requests.gait.state != "waiting"))
@@ -111,7 +111,7 @@ class Navigator(Service[NavigatorConfig]):
 
     def _take_sight(self, seen: LandmarkDetections | None, echo: Range | None) -> None:
         if echo is not None:
-            self._blocked = take_range(echo, self.localiser, self.maps, self.catalogue.model.conduct, self.requests.now)
+            self._blocked, self._close = take_range(echo, self.localiser, self.maps, self.requests.now)
         if seen is None or not self.config.use_landmarks:
             return
         try:

@@ -28,6 +28,8 @@ CLOSE = 0.5
 """Distance of an echo, m, below which marks at the cone's edge do not explain it, as the robot is about to collide."""
 MOST = 4096
 """Largest number of cells marked by ranger echoes; the oldest are dropped."""
+NEARER = 0.02
+"""Distance by which a route may come nearer to a marked cell that the robot is already too near to, m: it may leave."""
 AHEAD = 2.0
 """Length of route ahead of the robot that is checked for marked cells, m; farther marks count when they come near."""
 
@@ -80,8 +82,8 @@ class SeenObstacles:
         self.version = 0
         """Number that changes whenever the set of marked cells does."""
 
-    def take(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> None:
-        """Update the marked cells with one reading of the ranger.
+    def take(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> bool:
+        """Update the marked cells with one reading of the ranger; return True if its echo is of nothing in the map.
 
         Args:
             seen: the reading.
@@ -89,7 +91,7 @@ class SeenObstacles:
             unsure: standard deviations of that place, m, and heading, rad.
             now: simulated time, s.
         """
-        before = set(self.marks)
+        before, unknown = set(self.marks), False
         for cell in [cell for cell, time in self.marks.items() if now - time > self.keep]:
             del self.marks[cell]
         half, distance = 0.5 * seen.field_of_view, seen.distance
@@ -98,11 +100,13 @@ class SeenObstacles:
         if distance is not None and distance <= FARTHEST:
             slack, wider = SLACK + 2.0 * unsure[0], half + EDGE + 2.0 * unsure[1]
             known = expected_echo(self.grid, at, (wider, 0.0), distance + slack + 0.1, self.obstacle)[0]
-            if known > distance + slack and not self._seen_again(at, half, distance, now):
+            unknown = known > distance + slack
+            if unknown and not self._seen_again(at, half, distance, now):
                 self._mark(at, min(half, 0.5 * WIDTH / distance), distance, now)
         while len(self.marks) > MOST:
             del self.marks[min(self.marks, key=lambda cell: self.marks[cell])]
         self.version += before != set(self.marks)
+        return unknown
 
     def _seen_again(self, at: Pose, half: float, distance: float, now: float) -> bool:
         """Return True if marked cells explain an echo, and renew the times of these cells.
@@ -152,7 +156,7 @@ class SeenObstacles:
         return found
 
     def free(self, here: Point, route: tuple[Point, ...], radius: float) -> bool:
-        """Return True if no marked cell lies near the next 2 m of a route.
+        """Return True if the next 2 m of a route come near no marked cell, or no nearer than the robot is already.
 
         Args:
             here: where the robot is, x, y in m, frame map.
@@ -162,6 +166,7 @@ class SeenObstacles:
         if not self.marks:
             return True
         centres = np.array([self.grid.centre(*cell) for cell in self.marks])
+        limit = np.minimum(radius, np.hypot(centres[:, 0] - here[0], centres[:, 1] - here[1]) - NEARER)
         left, begin = AHEAD, here
         for end in route:
             length = math.dist(begin, end)
@@ -169,7 +174,7 @@ class SeenObstacles:
                 ux, uy = (end[0] - begin[0]) / length, (end[1] - begin[1]) / length
                 dx, dy = centres[:, 0] - begin[0], centres[:, 1] - begin[1]
                 along = np.clip(dx * ux + dy * uy, 0.0, min(length, left))
-                if float(np.hypot(dx - along * ux, dy - along * uy).min()) < radius:
+                if bool((np.hypot(dx - along * ux, dy - along * uy) < limit).any()):
                     return False
             left, begin = left - length, end
             if left <= 0.0:

@@ -78,3 +78,7 @@ class Conduct(ModelPart):
     suspect_turns: int = Field(default=2, ge=0, le=100, description="turns after which it walks on all the same")
     suspect_again: NotNegative = Field(default=10.0, description="s from then until it may look again")
     blocked: NotNegative = Field(default=0.38, le=10, description="m, an echo so near forbids walking ahead")
+    close: NotNegative = Field(
+        default=0.30, le=10, description="m, an echo so near of what the map lacks makes the robot step back"
+    )
+    backs: int = Field(default=2, ge=0, le=100, description="steps back, from that or a bumper, before the next walk")

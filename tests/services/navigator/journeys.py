@@ -40,6 +40,7 @@ class Journey:
         self.looks = looks / np.linalg.norm(looks, axis=1, keepdims=True)
         self.seen = True
         self.distance: float | None = None
+        self.bump = False
         self.odom = True
         self.service = SERVICE(NavigatorConfig(robot="nao", **{"policy": "steer", **config}))
         self.service.attach(self.stage)
@@ -88,7 +89,7 @@ class Journey:
             messages[topics.HW_LANDMARKS.key] = self.frame()
         if self.tick % 10 == 0:
             messages[topics.HW_RANGE.key] = Range(
-                distance=self.distance, shortest=0.25, longest=2.55, field_of_view=1.0, bump=(False, False)
+                distance=self.distance, shortest=0.25, longest=2.55, field_of_view=1.0, bump=(self.bump, False)
             )
         return messages
 

@@ -45,7 +45,7 @@ class Run:
         noise = SightNoise()
         self.tracker = PoseTracker(StartUncertainty(sd, sd, 0.0), noise, noise)
         self.now = 0.0
-        self.blocked, self.lost, self.suspected = False, False, False
+        self.blocked, self.close, self.lost, self.suspected = False, False, False, False
 
     def goal(self, *route: Point, yaw: float | None = None) -> NavigationGoal:
         """Begin a goal."""
@@ -69,8 +69,9 @@ class Run:
             view = self.walker.view()
             self.pilot.follow(self.now, view, self.tracker)
             self.pilot.tick(
-                self.now, view, self.tracker, blocked=self.blocked, lost=self.lost, suspected=self.suspected
-            )
+                self.now, view, self.tracker, blocked=self.blocked, close=self.close, lost=self.lost,
+                suspected=self.suspected,
+            )  # fmt: skip
 
     def finish(self) -> tuple[str, str]:
         """Let time pass until the goal has ended; return the state and the error of the pilot."""
@@ -232,3 +233,18 @@ def test_a_goal_taken_up_late_is_not_given_up_for_the_time_before(run: Run) -> N
     run.pilot.resume(goal, TowardsGoal(), "navigating", ("navigating", "", ""))
     run.until(run.ended)
     assert (run.pilot.state, goal.missed) == ("succeeded", [])
+
+
+@pytest.mark.parametrize("ends_in", [0.5, 1.2])
+def test_what_was_close_within_half_a_second_makes_the_robot_step_back(run: Run, ends_in: float) -> None:
+    run.under_way(1.5, 0.53)
+    run.until(lambda: ends_in - 0.02 < (run.walker.view().ends_in or 0.0) < ends_in)
+    run.close, then, made = True, run.now, run.pilot.decisions
+    run.until(lambda: run.now > then)
+    run.close = False
+    run.until(lambda: run.pilot.decisions > made)
+    assert run.pilot.goal is not None
+    assert run.pilot.goal.recoveries["step_back"] == (1 if ends_in == 0.5 else 0)
+    assert run.finish()[0] == "succeeded"
+    assert run.pilot.goal.backs == 0
+    assert run.tracker.pose[:2] == pytest.approx((run.walker.x, run.walker.y), abs=0.02)

@@ -186,7 +186,7 @@ def test_map_and_policies_are_reported(journey: Journey) -> None:
 
 
 def test_blocked_ahead_it_only_turns(journey: Journey) -> None:
-    journey.distance = 0.25
+    journey.distance = 0.35
     journey.step(10)
     journey.goto(1.0, 0.0)
     journey.step(400)

@@ -9,7 +9,7 @@ import pytest
 from surefoot.schemas.hw import Range
 from surefoot.services.navigator.planning.grid import OCCUPIED, FloorGrid
 from surefoot.services.navigator.planning.seen import SeenObstacles, expected_echo
-from tests.services.navigator.journeys import Journey
+from tests.services.navigator.journeys import Journey, ready
 
 HALF, LONGEST, SHORTEST = 0.5, 2.55, 0.25
 Box = tuple[float, float, float, float]
@@ -180,3 +180,55 @@ def test_an_echo_of_a_known_wall_marks_nothing_even_if_the_pose_is_unsure() -> N
     assert not seen.marks
     seen.take(reading(0.5, 0.3), (1.0, 1.5, 0.0), (0.05, 0.02), 0.0)
     assert seen.marks
+
+
+def walls_ahead(journey: Journey, distance: float) -> None:
+    """Let the journey's ranger show something that no map has, and a goal begin."""
+    journey.distance = distance
+    journey.step(10)
+    journey.goto(1.2, 0.0)
+    journey.step(400)
+
+
+@pytest.mark.parametrize("sense", ["bumper", "ranger"])
+def test_the_robot_steps_back_from_what_touches_it_or_comes_closer_than_it_walks_beside(sense: str) -> None:
+    journey = ready()
+    if sense == "bumper":
+        journey.bump = True
+    walls_ahead(journey, 0.3 if sense == "ranger" else LONGEST)
+    assert -0.22 < journey.walker.x < -0.08
+    assert journey.feedback().recoveries["step_back"] in (1, 2)
+    journey.bump = False
+    journey.distance = LONGEST
+    assert journey.until_ended().state == "succeeded"
+
+
+def test_the_robot_steps_back_from_no_wall_of_the_map_and_into_none() -> None:
+    journey = ready()
+    for x in (2.75, -0.7):  # the wall ahead, at 3.1 m, is in the map; that behind is nearer than a step and the radius
+        put(journey, x)
+        walls_ahead(journey, 0.3)
+        assert "step_back" not in journey.feedback().recoveries
+        assert journey.missed(x, 0.0) < 0.01
+
+
+def put(journey: Journey, x: float) -> None:
+    """Put the robot at (x, 0) m, facing along x, with a belief that is right."""
+    journey.walker.x = x
+    journey.step()
+    journey.service.localiser.place((x, 0.0, 0.0))
+
+
+def marked(*cells: tuple[int, int]) -> SeenObstacles:
+    """Return a local map of 3 x 3 m with marked cells, seen at 0 s."""
+    seen = SeenObstacles(grid(), 65, keep=100.0)
+    seen.marks.update(dict.fromkeys(cells, 0.0))
+    return seen
+
+
+def test_a_robot_too_near_to_a_mark_may_leave_it_and_not_come_nearer() -> None:
+    seen, here = marked((32, 10)), (0.525, 1.525)  # 0.1 m to the left of the robot
+    assert not seen.free(here, ((0.525, 2.5),), 0.12)
+    assert not seen.free(here, ((0.7, 2.5),), 0.12)
+    assert seen.free(here, ((1.5, 1.5),), 0.12)
+    assert seen.free(here, ((0.525, 0.5),), 0.12)
