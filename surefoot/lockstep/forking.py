@@ -61,7 +61,7 @@ def main() -> None:
             requests.send(None)
             while True:
                 request: Fork = requests.recv()
-                requests.send(_fork(request, requests))
+                _fork(request, requests)
 
 
 def _prepare(services: Sequence[str]) -> None:
@@ -75,24 +75,33 @@ def _prepare(services: Sequence[str]) -> None:
         encoding_of(topic.model)
 
 
-def _fork(request: Fork, requests: Connection) -> int:
-    """Return the id of a new process for a service; its parent ends at once, so that the supervisor inherits it."""
-    reader, writer = os.pipe()
+def _fork(request: Fork, requests: Connection) -> None:
+    """Fork a service and send its process id; its parent ends at once, so that the supervisor inherits the process.
+
+    The process waits until its id is sent. If this one ends before, as when the supervisor has lost patience, it ends.
+    """
+    born, bears = os.pipe()
+    goes, lets_go = os.pipe()
     parent = os.fork()
     if parent == 0:
         if os.fork():
             os._exit(0)
         os.setsid()
-        os.write(writer, str(os.getpid()).encode())  # from now on a signal to its group reaches it
-        os.close(reader)
-        os.close(writer)
+        os.write(bears, str(os.getpid()).encode())  # from now on a signal to its group reaches it
+        for end in (born, bears, lets_go):
+            os.close(end)
         requests.close()
-        _become(request)
-    os.close(writer)
-    with open(reader, "rb") as answer:
+        if os.read(goes, 1):
+            os.close(goes)
+            _become(request)
+        os._exit(0)
+    os.close(bears)
+    os.close(goes)
+    with open(born, "rb") as answer, open(lets_go, "wb", buffering=0) as gate:
         pid = int(answer.read())
-    os.waitpid(parent, 0)
-    return pid
+        os.waitpid(parent, 0)
+        requests.send(pid)
+        gate.write(b".")
 
 
 def _become(request: Fork) -> NoReturn:

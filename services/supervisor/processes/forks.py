@@ -28,6 +28,8 @@ ON_IMPORT = "SUREFOOT_KERNELS"
 """Variable with this prefix that is read on import all the same."""
 ANSWER_S = 10.0
 """Wall time after which a fork that does not come is given up, s; it takes some milliseconds."""
+LAST_S = 2.0
+"""Wall time after which a server that does not end by itself is killed, s."""
 PR_SET_CHILD_SUBREAPER = 36
 """Number of the option of `prctl` by which a process inherits the orphans among its descendants."""
 
@@ -100,9 +102,12 @@ class ForkServer:
 
     def close(self) -> None:
         """End the server; the services that it has started go on."""
-        self._requests.close()
-        self._process.kill()
-        self._process.wait()
+        self._requests.close()  # it ends by itself, once a fork that was requested has begun
+        try:
+            self._process.wait(LAST_S if self._ready else 0.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
     def ready(self, patience_s: float = 0.0) -> bool:
         """Return True once the services are imported, or if the server has ended."""
@@ -136,9 +141,10 @@ class ForkServer:
         with self._lock, suppress(EOFError, OSError), _inheriting():
             if self.ready(ANSWER_S):
                 self._requests.send(request)
-                if self._requests.poll(ANSWER_S):
-                    return Forked(self._requests.recv())
-                self.close()  # an answer that came later would be taken for that to the next request
+                if not self._requests.poll(ANSWER_S):
+                    self._process.kill()  # no process whose id is not known begins after this
+                    self._process.wait()
+                return Forked(self._requests.recv())
         return None
 
 

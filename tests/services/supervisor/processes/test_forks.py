@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.lockstep import forking
+from surefoot.services.supervisor.processes import forks as forks_module
 from surefoot.services.supervisor.processes.compose import parse_compose
 from surefoot.services.supervisor.processes.forks import ForkServer, fork_server
+from surefoot.services.supervisor.processes.identity import await_end, identify
 from surefoot.services.supervisor.processes.process import Child
 from tests.processes import GRACE_S
 
@@ -78,6 +81,39 @@ def test_without_a_server_a_service_begins_by_itself(tmp_path):
         child = Child("recorder", PRINT, {}, tmp_path / "one.log", server)
         assert child.wait(GRACE_S) == 0
         assert '"path"' in child.log.read_text()
+
+
+def test_of_a_server_that_does_not_answer_in_time_no_fork_is_left(tmp_path, monkeypatch):
+    monkeypatch.setattr(forks_module, "ANSWER_S", 0.05)
+    with ForkServer(["recorder"]) as server:
+        assert server.ready(GRACE_S)
+        os.kill(server.pid, signal.SIGSTOP)
+        child = Child("recorder", PRINT, {}, tmp_path / "one.log", server)
+        assert child.wait(GRACE_S) == 0
+        assert not Path(f"/proc/{server.pid}").exists()
+        assert child.log.read_text().count('"path"') == 1
+
+
+class Cut:
+    """A connection whose other end is gone."""
+
+    pid = 0
+
+    def send(self, pid):
+        self.pid = pid
+        raise BrokenPipeError
+
+    def close(self):
+        return
+
+
+def test_a_fork_whose_id_reaches_no_supervisor_ends(tmp_path):
+    cut, log = Cut(), tmp_path / "one.log"
+    with pytest.raises(BrokenPipeError):
+        forking._fork(forking.Fork((), PRINT[1:], dict(os.environ), str(log)), cut)
+    await_end([cut.pid], GRACE_S)
+    assert identify(cut.pid) is None
+    assert not log.exists()
 
 
 def test_a_variable_that_an_import_reads_takes_a_process_of_its_own(forks):
