@@ -34,8 +34,7 @@ class Fork(NamedTuple):
     """Request to start a service.
 
     Attributes:
-        command: interpreter, options and arguments that the process shows as its command line; the service's own
-            words are those behind the name of a module.
+        command: command line that the process shows, for `ps` and the like.
         words: name of the service and its arguments.
         environment: all environment variables of the process.
         log: path of the file to which both outputs are appended.

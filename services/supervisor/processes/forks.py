@@ -74,8 +74,7 @@ class ForkServer:
         self._lock = threading.Lock()
         self._requests, theirs = Pipe()
         words = [str(theirs.fileno()), ",".join(sorted(self.services)), " " * ROOM]
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)  # a service unblocks them when it can end
-        try:
+        with theirs, held_back():  # its forks begin with the signals that it was started with
             self._process = subprocess.Popen(
                 [sys.executable, "-m", SERVER_MODULE, *words],
                 env={**os.environ, **self._on_import},
@@ -84,9 +83,6 @@ class ForkServer:
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,
             )
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            theirs.close()
         self._ready = False
 
     def __enter__(self) -> Self:
@@ -146,6 +142,16 @@ class ForkServer:
                     self._process.wait()
                 return Forked(self._requests.recv())
         return None
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """Block SIGTERM and SIGINT while a service is started; it unblocks them as soon as it can end with exit code 0."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

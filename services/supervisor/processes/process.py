@@ -4,14 +4,12 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import IO
 
-from surefoot.lockstep.ending import ENDS
-
-from .forks import SERVICE, Forked, ForkServer
+from .forks import SERVICE, Forked, ForkServer, held_back
 from .identity import identify
 from .logs import tail
 
@@ -92,7 +90,7 @@ def _forked(
 
 
 def _begun(command: Sequence[str], environment: Mapping[str, str], log: IO[bytes]) -> subprocess.Popen[bytes]:
-    with _held_back(command):
+    with held_back() if SERVICE_MODULE in command else nullcontext():
         return subprocess.Popen(
             command,
             env={**os.environ, **environment},
@@ -135,17 +133,6 @@ def busy_s(pids: Iterable[int]) -> float:
             continue
         ticks += int(fields[11]) + int(fields[12])
     return ticks / os.sysconf("SC_CLK_TCK")
-
-
-@contextmanager
-def _held_back(command: Sequence[str]) -> Iterator[None]:
-    """Block SIGTERM while a service is started; it unblocks the signal as soon as it can end with exit code 0."""
-    numbers = ENDS if SERVICE_MODULE in command else ()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _open_log(path: Path) -> IO[bytes]:
