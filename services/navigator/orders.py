@@ -1,19 +1,13 @@
 """Orders of the navigator to the walker: numbered, recorded once the walker starts them, repeated if it does not."""
 
-import math
-from dataclasses import replace
 
-from surefoot.arrays import Array
 from surefoot.schemas.cmd import WalkCommand
 
 from .execution import Execution
 from .goals import Act, GaitView
-from .maps import Maps
 
 REMIND_S = 1.0
 """Time after which an order that a standing walker has not started is repeated, s."""
-BACK_ROOM = 2.0
-"""Length of the way behind the robot that is free when it steps back, as a multiple of that step."""
 
 
 class Orders:
@@ -102,19 +96,3 @@ def command_of(act: Act) -> WalkCommand:
 def straight(acts: tuple[Act, ...]) -> Act:
     """Return the action that walks ahead with the least turn."""
     return min((act for act in acts if act.kind == "walk"), key=lambda act: abs(act.motion.turn))
-
-
-def step_back(acts: tuple[Act, ...], mean: Array, ways: Maps | None) -> Act | None:
-    """Return the straight walk backwards, or None if twice its length behind the robot is not free.
-
-    Args:
-        acts: actions of the robot.
-        mean: believed x, y (m), heading (rad) in the map first, (n,).
-        ways: obstacles; None = there are none.
-    """
-    act, (x, y, heading) = straight(acts), mean[:3].tolist()
-    room, m = BACK_ROOM * act.motion.forward, act.motion
-    behind = (x - room * math.cos(heading), y - room * math.sin(heading))
-    if ways is not None and not ways.enterable((x, y), behind):
-        return None
-    return replace(act, name="back", motion=replace(m, forward=-m.forward, walked=-m.walked, turn=0.0))

@@ -18,13 +18,12 @@ from .belief.tracker import Motion, PoseTracker
 from .belief.ukf import wrap
 from .goals import Act, End, GaitView, NavigationGoal, Point
 from .maps import Maps
-from .orders import Orders, command_of, step_back, straight
+from .near import Near
+from .orders import Orders, command_of, straight
 from .policy.decider import Decider
 from .policy.settings import Conduct
 from .searching import Aside, Search, no_way
 
-CLOSE_S = 0.5
-"""Time for which something close counts after it was sensed, s: half a stride, as the other foot is not at it."""
 BLOCKED_SHARE = 0.25
 """Share of the decisions without progress at which a near echo forbade walking, from which on a stuck goal ends as
 blocked."""
@@ -61,12 +60,13 @@ class Pilot:
         self.decider: Decider | None = None
         self.decision: Decision | None = None
         self.decisions = 0
-        self.ended, self._now, self._close_at = 0.0, 0.0, -math.inf
+        self.ended, self._now = 0.0, 0.0
         self._stand_until = -1.0
         self._frames: int | None = None
         """Number of camera frames so far when the present stand for one began; None = no such stand."""
         self._halting: End | None = None
         self._search = Search(self, self.conduct, aside)
+        self._near = Near(acts, self.conduct, ways)
         self._since = [0, 0]
         """Number of decisions without progress: those that a near echo restricted to turns, and all."""
         self._waiting: float | None = None
@@ -85,6 +85,7 @@ class Pilot:
         self.decision, self._halting = None, None
         self._since, self._waiting = [0, 0], None
         self._search.begin()
+        self._near.begin()
 
     @property
     def under_way(self) -> bool:
@@ -165,11 +166,12 @@ class Pilot:
             gait: state of the walker.
             tracker: belief now.
             blocked: True = an obstacle is too near ahead to walk.
-            close: something that the map lacks is so close that the robot steps back.
+            close: a bumper is pressed, or something that the map lacks is too near: the robot steps back or stands.
             lost: the belief is wrong: the robot alternately stands for camera frames and turns, until it is right.
             suspected: it may be wrong: the robot stands and turns likewise, but not as often.
         """
-        goal, self._close_at = self.goal, now if close else self._close_at
+        goal = self.goal
+        self._near.sense(now, close=close)
         if goal is None or not self.under_way:
             return
         failure = self.orders.failure(gait)
@@ -213,13 +215,12 @@ class Pilot:
         if goal.index >= len(goal.route):
             self._arrive(goal, mean)
             return
-        close = now - self._close_at < CLOSE_S and goal.backs < self.conduct.backs
-        if close and (back := step_back(self.acts, mean, self.ways)) is not None:
-            goal.backs += 1
-            goal.recoveries["step_back"] += 1
+        back, stand = self._near.choose(goal, now, mean)
+        if back is not None:
             self._give(command_of(back), back)
-            return
-        if not self._way_is_open(goal, now, gait, mean):
+        elif stand:
+            self._stand_until = now + (gait.ends_in or 0.0) + self.conduct.look
+        if back is not None or stand or not self._way_is_open(goal, now, gait, mean):
             return
         self._since = [self._since[0] + blocked, self._since[1] + 1]
         still = goal.stalled(goal.left(float(mean[0]), float(mean[1])), now, self.conduct.progress)

@@ -82,3 +82,6 @@ class Conduct(ModelPart):
         default=0.30, le=10, description="m, an echo so near of what the map lacks makes the robot step back"
     )
     backs: int = Field(default=2, ge=0, le=100, description="steps back, from that or a bumper, before the next walk")
+    stand: NotNegative = Field(
+        default=60.0, description="s, longest stand before that once it may step back no more; then it turns there"
+    )

@@ -248,3 +248,19 @@ def test_what_was_close_within_half_a_second_makes_the_robot_step_back(run: Run,
     assert run.finish()[0] == "succeeded"
     assert run.pilot.goal.backs == 0
     assert run.tracker.pose[:2] == pytest.approx((run.walker.x, run.walker.y), abs=0.02)
+
+
+@pytest.mark.parametrize(("stays", "turns"), [(40.0, False), (90.0, True)])
+def test_before_what_stays_close_the_robot_stands_until_it_is_gone_for_a_minute_at_most(
+    run: Run, stays: float, turns: bool
+) -> None:
+    run.under_way(1.5, 0.53)
+    goal, begin = run.pilot.goal, run.now
+    assert goal is not None
+    run.close = run.blocked = True
+    run.until(lambda: goal.recoveries["stand"] == 1)
+    assert goal.backs == goal.recoveries["step_back"] == 2
+    run.until(lambda: run.now > begin + stays)
+    assert (abs(run.walker.yaw) > 0.01) is turns
+    run.close = run.blocked = False
+    assert run.finish()[0] == "succeeded"
