@@ -22,7 +22,8 @@ from .events import ChaosEvent, ChaosOutcome
 IDLE_S = 0.01
 """Virtual time by which a round advances the clock if no service has work, s."""
 LEASE_S = 1.0
-"""Duration of a service freeze, s of virtual time, from which on the service loses its liveliness token."""
+"""Duration of a service freeze, s of virtual time, from which on the service loses its liveliness token; shorter
+than the lease of Zenoh, so that more of them lose it."""
 RESTART_S = 1.5
 """Virtual time from the kill of a service to the start of its successor, s."""
 JOIN_S = 1.0

@@ -1,4 +1,4 @@
-"""What the robot does about something too close to it: it steps back, or stands before it for a while."""
+"""Recovery from something too close to the robot: a step back, or a stand before it for a while."""
 
 import math
 from dataclasses import replace
@@ -40,7 +40,7 @@ class Near:
         self._at = now if close else self._at
 
     def choose(self, goal: NavigationGoal, now: float, mean: Array) -> tuple[Act | None, bool]:
-        """Choose what to do about something too close, and count it among the recoveries of the goal.
+        """Choose a step back or a stand where something is too close, and count it among the recoveries of the goal.
 
         Args:
             goal: goal under way; its number of steps back is raised.

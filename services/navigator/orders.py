@@ -1,6 +1,5 @@
 """Orders of the navigator to the walker: numbered, recorded once the walker starts them, repeated if it does not."""
 
-
 from surefoot.schemas.cmd import WalkCommand
 
 from .execution import Execution

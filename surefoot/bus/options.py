@@ -19,8 +19,10 @@ from surefoot.state import secret_of
 DEFAULT_FLEET = "surefoot"
 RUNTIME = "ZENOH_RUNTIME"
 """Environment variable from which Zenoh takes its numbers of threads at the first session of a process."""
-LEASE_MS = 1000
-"""Time, ms, after which a link to a process from which nothing was received counts as lost."""
+LEASE_MS = 3000
+"""Time, ms, after which a link to a process from which nothing was received counts as lost; as long as the silence
+after which the supervisor ends a process. A shorter one ends the links of a whole machine that is short of processors,
+and Zenoh 1.10 then sometimes links processes again without what they had declared, for good."""
 CONNECT_TIMEOUT_MS = 8000
 QUEUE_BATCHES = 16
 """Largest number of batches (one frame, or 64 KiB of a map) that wait for the sending thread of a link, the most

@@ -10,6 +10,7 @@ import pytest
 import zenoh
 
 from surefoot.bus.interface import Delivery
+from surefoot.bus.options import LEASE_MS
 from surefoot.bus.publish import BATCH, FRAME
 from surefoot.lab.report.judge import RunVerdict
 from surefoot.lab.runs.local import run_local
@@ -65,7 +66,7 @@ def test_killed_in_mid_step_the_robot_holds_and_walks_on(live: Live) -> None:
 
 def test_frozen_and_thawed_it_is_let_in_again(live: Live) -> None:
     process = live.processes["estimator"]
-    thaw = threading.Timer(2.5, process.send_signal, [signal.SIGCONT])
+    thaw = threading.Timer(1.5 * LEASE_MS / 1000.0, process.send_signal, [signal.SIGCONT])
 
     def freeze(delivery: Delivery) -> None:
         if not delivery.prime and delivery.header().tick == MID_STEP and thaw.ident is None:

@@ -21,12 +21,13 @@ WAIT_S = 40.0  # s wall, bound of every wait; all come in milliseconds
 
 
 class Net:
-    """A router and sessions that join it."""
+    """A router, unless another process runs it, and sessions that join it."""
 
-    def __init__(self, namespace: str = "test/net", address: str = "") -> None:
+    def __init__(self, namespace: str = "test/net", address: str = "", *, router: bool = True) -> None:
         self.address, self.namespace = address or free_address(), namespace
         self.buses: list[ZenohBus] = []
-        self.router = self.open("router", identity="supervisor")
+        if router:
+            self.router = self.open("router", identity="supervisor")
 
     def open(self, mode: str = "peer", namespace: str | None = None, identity: str = "", secret: str = "") -> ZenohBus:
         listen = (self.address,) if mode == "router" else ()

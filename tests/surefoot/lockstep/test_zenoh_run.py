@@ -1,8 +1,11 @@
 """The whole runtime over Zenoh, a thread and a session for each node."""
 
+import json
+import sys
 import threading
 import time
 from contextlib import ExitStack
+from subprocess import PIPE
 from typing import Any, Self
 
 import pytest
@@ -14,6 +17,8 @@ from surefoot.lockstep.join import DRIVER
 from surefoot.lockstep.local import node_of
 from surefoot.schemas.system import HealthRequest
 from surefoot.schemas.topics import HEALTH_GET, HW_IMU, HW_TICK
+from tests.processes import running
+from tests.processors import ROOT
 from tests.surefoot.net import WAIT_S, Net, spinning, wait_until
 from tests.surefoot.toys import toys
 
@@ -75,14 +80,14 @@ def test_run_over_shared_memory_is_the_in_memory_run(monkeypatch: pytest.MonkeyP
 def test_ten_robots_on_one_network_walk_as_if_each_were_alone(net: Net) -> None:
     from tests.surefoot.lockstep.test_lockstep import run
 
+    words = [sys.executable, "-m", "tests.surefoot.lockstep.alone", net.address]
     with ExitStack() as stack:
         robots = [
-            stack.enter_context(Threads(net, (0, 1, 2, 3), 40, namespace=f"test/{number}")) for number in range(10)
+            stack.enter_context(running([*words, f"test/{number}"], stdout=PIPE, cwd=ROOT, text=True))
+            for number in range(10)
         ]
-        alone = run(ticks=40)[0]
-        for robot in robots:
-            assert robot.wait() == alone
-            assert [tick for tick, _ in robot.observer.seen] == list(range(41))
+        found = [json.loads(robot.communicate(timeout=6.0 * WAIT_S)[0]) for robot in robots]
+    assert found == [[run(ticks=40)[0], list(range(41))]] * 10
 
 
 def test_live_node_answers_its_health_and_refuses_what_strangers_send(net: Net) -> None:

@@ -131,7 +131,7 @@ def test_a_frozen_process_is_killed_and_replaced(healthy):
 
 
 def test_a_lost_liveliness_is_reported_and_ends_nothing(healthy):
-    """A pause of 1 s ends Zenoh's lease; the process works all the same."""
+    """As after a pause longer than Zenoh's lease; the process works all the same."""
     healthy.system.seen("first", visible=False)
     healthy.steps(50, 0.1, well=BOTH)
     assert healthy.state()["first"] == ("healthy", 0)
