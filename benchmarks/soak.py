@@ -180,18 +180,21 @@ def faults(*, count: int = 5) -> None:
         watching = session.liveliness().declare_subscriber(f"{machine.namespace}/alive/*/*", on_life)
         found: dict[str, list[float]] = {"crash": [], "crash, by the supervisor": [], "freeze": []}
         for number in range(2 * count):
-            what, sent = (("crash", signal.SIGKILL), ("freeze", signal.SIGSTOP))[number % 2]
-            pid = machine.pids()["footholds"]
-            gone.pop("footholds", None)
+            # two services, as the supervisor gives one up that ends eight times in a row
+            what, sent, name = (("crash", signal.SIGKILL, "footholds"), ("freeze", signal.SIGSTOP, "stability"))[
+                number % 2
+            ]
+            pid = machine.pids()[name]
+            gone.pop(name, None)
             began = time.monotonic()
             os.kill(pid, sent)
             reaped = 0.0
-            while ("footholds" not in gone or (not reaped and what == "crash")) and time.monotonic() - began < 30.0:
+            while (name not in gone or (not reaped and what == "crash")) and time.monotonic() - began < 30.0:
                 reaped = reaped or (0.0 if Path(f"/proc/{pid}").exists() else time.monotonic())
                 time.sleep(0.0005)
             if what == "crash":
                 found["crash, by the supervisor"].append((reaped or began + 30.0) - began)
-            found[what].append(gone.get("footholds", began + 30.0) - began)
+            found[what].append(gone.get(name, began + 30.0) - began)
             if sent == signal.SIGSTOP:
                 os.kill(pid, signal.SIGCONT)
             machine.wait_until_healthy()
