@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from surefoot.lab.cli import completion
+from surefoot.lab.cli.entry import main
 
 
 @pytest.mark.parametrize(
@@ -34,12 +35,23 @@ from surefoot.lab.cli import completion
         (["bag", "import", "log.csv", "--robot", "lu"], ["lupo"]),
     ],
 )
-def test_a_word_is_completed(words: list[str], found: list[str]) -> None:
-    asked = {"_SUREFOOT_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(["surefoot", *words])}
+def test_a_word_is_completed(
+    words: list[str], found: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_SUREFOOT_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", " ".join(["surefoot", *words]))
+    monkeypatch.setenv("COMP_CWORD", str(len(words)))
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.split() == found
+
+
+def test_bash_gets_what_it_asks_for() -> None:
+    asked = {"_SUREFOOT_COMPLETE": "complete_bash", "COMP_WORDS": "surefoot robot show na", "COMP_CWORD": "3"}
     command = [sys.executable, "-m", "surefoot.lab.cli.entry"]
-    environment = {**os.environ, **asked, "COMP_CWORD": str(len(words))}
-    done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=60)
-    assert done.stdout.split() == found
+    done = subprocess.run(command, env={**os.environ, **asked}, check=True, capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == ["nao"]
 
 
 def test_zsh_gets_the_same_names() -> None:
