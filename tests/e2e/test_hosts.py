@@ -120,7 +120,7 @@ def test_the_hash_is_that_of_one_host(spread: Spread) -> None:
     walk_while(spread, nullcontext(), 0.0)
 
 
-@pytest.mark.parametrize(("number", "seconds"), [(1, 3.3), (0, 12.0), (0, 0.7)])
+@pytest.mark.parametrize(("number", "seconds"), [(1, 3.3), (0, 12.0), (1, 2.0), (1, 0.5), (0, 0.7)])
 def test_a_partition_changes_nothing(spread: Spread, number: int, seconds: float) -> None:
     """Of those that walk, or of the driver, from all others; what the walker asks waits as its messages do.
 

@@ -83,5 +83,5 @@ class Conduct(ModelPart):
     )
     backs: int = Field(default=2, ge=0, le=100, description="steps back, from that or a bumper, before the next walk")
     stand: NotNegative = Field(
-        default=60.0, description="s, longest stand before that once it may step back no more; then it turns there"
+        default=60.0, description="s, longest stand before something too close that allows no step back; then it turns"
     )
