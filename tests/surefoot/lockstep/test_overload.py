@@ -234,6 +234,8 @@ def test_a_flood_of_nonsense_and_of_queries_is_bounded_counted_and_over_when_it_
 
 def test_a_participant_is_answered_while_strangers_flood_its_query(net: Net) -> None:
     """The flooded service needs 5 ms for each query; a participant waits for the one in hand at most."""
+    handled: list[str] = []
+    at_arrival: list[int] = []
 
     class Server(ToyEstimator):
         serves = (NAVIGATOR_CANCEL,)
@@ -242,19 +244,31 @@ def test_a_participant_is_answered_while_strangers_flood_its_query(net: Net) -> 
             self.handle(NAVIGATOR_CANCEL, self._slow)
 
         def _slow(self, request: CancelRequest) -> NavigatorReply:
+            handled.append(request.goal_id)
             threading.Event().wait(0.005)
             return NavigatorReply(accepted=False)
 
     node = Node(Server(ServiceConfig()), net.open())
+    put = node.inbox.put
+
+    def counted(item: Any) -> bool:
+        if getattr(item, "query", None) is NAVIGATOR_CANCEL and not item.probe:
+            at_arrival.append(len(handled))
+        return put(item)
+
+    node.inbox.put = counted  # type: ignore[method-assign]
     node.start()
-    asker, asked = net.open(), CancelRequest(goal_id="a")
+    asker, asked = net.open(), CancelRequest(goal_id="participant")
     with spinning(node):
         wait_until(lambda: asker.probe(NAVIGATOR_CANCEL, instance=node.instance))
         with running([sys.executable, "-c", ASKER, net.address, f"{net.namespace}/{NAVIGATOR_CANCEL.key}"]):
             wait_until(lambda: len(node.inbox.queries) > QUERY_ITEMS // 2)
             for _ in range(20):
-                asker.call(NAVIGATOR_CANCEL, asked, 0.5, instance=node.instance)  # half of theirs: 0.64 s
+                asker.call(NAVIGATOR_CANCEL, asked, 30.0, instance=node.instance)
             assert len(node.inbox.queries) > QUERY_ITEMS // 2
+    answered = [place for place, goal in enumerate(handled) if goal == "participant"]
+    assert len(at_arrival) == len(answered) == 20
+    assert max(place - first for place, first in zip(answered, at_arrival, strict=True)) <= 1
 
 
 @pytest.mark.parametrize("payload", [b"{", b"7" * 100_000])
