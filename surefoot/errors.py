@@ -6,6 +6,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from surefoot.schemas.base import ErrorReply
 
+EXIT_USAGE = 2
+"""Exit code of a command or service whose arguments, files or configuration cannot be used. The supervisor does not
+start a process again that ends with it before it was ever healthy."""
+
 
 class SurefootError(Exception):
     """Base of all errors that the library reports to users; ``str()`` is one sentence."""

@@ -9,6 +9,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as in every 
 
 import typer
 
+from surefoot.errors import EXIT_USAGE
+
 from . import (
     bag,
     bridge,
@@ -31,7 +33,7 @@ from . import (
 )
 from .compiling import COSTS, compilation_reported
 from .needed import needed
-from .output import EXIT_CHECK, EXIT_INTERRUPT, EXIT_USAGE, fail, misused, notify, state
+from .output import EXIT_CHECK, EXIT_INTERRUPT, fail, misused, notify, state
 from .rooms import room_commands
 
 app = typer.Typer(

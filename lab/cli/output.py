@@ -13,10 +13,12 @@ from typing import Annotated, Any
 
 import typer
 
+from surefoot.errors import EXIT_USAGE
+
 from .completion import robots
 from .table import table_lines
 
-EXIT_CHECK, EXIT_USAGE, EXIT_INTERRUPT = 1, 2, 130
+EXIT_CHECK, EXIT_INTERRUPT = 1, 130
 USAGE = (
     "unknown_topic", "unknown_query", "malformed", "invalid", "unknown_key", "not_installed", "unreadable", "not_found",
     "no_samples", "not_live", "unknown_name",

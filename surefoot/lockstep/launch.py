@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: small matrices, and the cores belong to the services
 
 from surefoot.bus.endpoint import checked, to_connect
-from surefoot.errors import SurefootError
+from surefoot.errors import EXIT_USAGE, BusError, CallError, SurefootError
 from surefoot.heap import share_heaps
 from surefoot.lockstep.config import load_config
 from surefoot.lockstep.ending import ENDING
@@ -18,7 +18,6 @@ from surefoot.lockstep.service import Service
 from surefoot.logline import log_line
 from surefoot.version import VERSION
 
-EXIT_USAGE = 2
 ZENOH_RUNTIME = "(rx:(worker_threads:1),acc:(handover:rx),net:(handover:rx))"
 """Setting of Zenoh's thread pools by which one thread receives. Two would wake each other at every frame; with one the
 demo runs a third faster. Not for a router, in which forwarding to a slow reader would stop all reception."""
@@ -44,7 +43,10 @@ def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoR
 
 
 def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
-    """Run a service until SIGTERM or SIGINT; return the exit code."""
+    """Run a service until SIGTERM or SIGINT; return the exit code.
+
+    It is `EXIT_USAGE` if arguments or configuration cannot be used, 1 if the network cannot, which may pass.
+    """
     options = _parser(service).parse_args(arguments)
     try:
         options.connect = [checked("--connect", place) for place in options.connect] or [to_connect()]
@@ -56,7 +58,7 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
         return _serve(service(config), options)
     except SurefootError as error:  # of the configuration, or of a robot or another file that it names
         sys.stderr.write(log_line("error", service.name, str(error)) + "\n")
-        return EXIT_USAGE
+        return 1 if isinstance(error, BusError | CallError) else EXIT_USAGE
     except Exception as error:
         sys.stderr.write(log_line("error", service.name, f"ended by {type(error).__name__}: {error}") + "\n")
         raise

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from surefoot.errors import EXIT_USAGE
+
 from .compose import ComposeService, Restart
 
 BACKOFF_FIRST_S = 0.1  # s, wait before the first restart: a robot stands and waits meanwhile
@@ -51,7 +53,7 @@ class Observed:
         phase: absent (never started), running or exited.
         since: when the phase began.
         healthy: True if heartbeats come and the service reports that it is well.
-        healthy_since: when `healthy` last became true, None before that.
+        healthy_since: when `healthy` last became true in the life of this process, None before that.
         unhealthy_since: when health was last lost while running, None before that.
         stopping_since: when SIGTERM was sent, None before that.
         killed: True if SIGKILL was sent.
@@ -212,6 +214,8 @@ def _run(item: Wanted, observed: Mapping[str, Observed], now: float) -> ProcessA
             ended_as_unwell = state.stopping_since is not None and item.restart != "no"
             if not ended_as_unwell and not _wants_restart(item.restart, state.exit_code):
                 return None
+            if state.exit_code == EXIT_USAGE and state.healthy_since is None:  # the same again would end the same way
+                return ProcessAction("give_up", item.name, f"{_ending(state)}: it cannot use its configuration")
             if state.failures >= item.max_failures:
                 return ProcessAction(
                     "give_up", item.name, f"ended {state.failures} times in a row, last {_ending(state)}"

@@ -172,6 +172,17 @@ def test_gives_up_after_too_many_failures_in_a_row():
     assert "exit code 1" in action.reason
 
 
+@pytest.mark.parametrize(
+    ("code", "was_healthy", "verb"), [(2, False, "give_up"), (2, True, "start"), (1, False, "start")]
+)
+def test_gives_up_at_once_on_what_cannot_use_its_configuration(code, was_healthy, verb):
+    ended = Observed(phase="exited", exit_code=code, failures=1, healthy_since=5.0 if was_healthy else None)
+    (action,) = plan((Wanted("a", restart="always"),), {"a": ended}, 100.0)
+    assert action.verb == verb
+    assert f"exit code {code}" in action.reason
+    assert plan((Wanted("a", restart="no"),), {"a": ended}, 100.0) == ()
+
+
 def test_a_frozen_service_is_ended_when_it_may_be_restarted():
     frozen = replace(HEALTHY, healthy=False, unhealthy_since=9.0)
     (action,) = plan((Wanted("a", restart="on-failure"),), {"a": frozen}, 10.0)

@@ -218,6 +218,16 @@ def test_gives_up_on_what_never_starts(tmp_path):
     assert world.system.stop()
 
 
+@pytest.mark.parametrize(("well", "given_up"), [((), ("first",)), (("first",), ())])
+def test_gives_up_on_a_wrong_configuration_unless_the_process_was_healthy_with_it(world, well, given_up):
+    world.steps(1)
+    world.steps(1, well=well)
+    world.processes["first"].code = 2
+    world.steps(5)
+    assert world.system.given_up() == given_up
+    assert (world.state()["first"][0] == "failed") == bool(given_up)
+
+
 def test_stops_in_reverse_order(healthy):
     healthy.step(shutdown=True)
     healthy.step(shutdown=True)
