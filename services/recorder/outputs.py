@@ -3,7 +3,7 @@
 import json
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -116,8 +116,9 @@ class _RingMessage(NamedTuple):
 class LastSeconds:
     """Output that holds the last seconds of a run in memory and writes a file at each fall, stop and request."""
 
-    def __init__(self, config: RecorderConfig, path: Path) -> None:
-        self._description, self._path, self.path = _Description(config), path, ""
+    def __init__(self, config: RecorderConfig, path: Path, facts: Callable[[], dict[str, str]]) -> None:
+        """`facts`: returns what is known of the run so far; each file states it."""
+        self._description, self._path, self.path, self._facts = _Description(config), path, "", facts
         self._span = max(1, round(config.ring_s / TICK_S))
         self._ring_s = config.ring_s
         self._begin(0, 0)
@@ -180,16 +181,19 @@ class LastSeconds:
         writer = self._description.writer(path, **facts)
         for kept in (*self._latched.values(), *self._ring):
             writer.write(kept.topic, kept.header, kept.raw)
-        writer.close({"last_tick": str(self._tick)})
+        writer.close(self._facts())
         self.path = str(path)
         return self.path, writer.messages
 
 
-def output_of(config: RecorderConfig) -> Output | None:
-    """Return the output for a configuration of the recorder; None: no file is written."""
+def output_of(config: RecorderConfig, facts: Callable[[], dict[str, str]]) -> Output | None:
+    """Return the output for a configuration of the recorder; None: no file is written.
+
+    `facts`: returns what is known of the run so far, for files that are written before its end.
+    """
     if not config.path:
         return None
-    return (LastSeconds if config.ring_s else WholeRun)(config, Path(config.path))
+    return LastSeconds(config, Path(config.path), facts) if config.ring_s else WholeRun(config, Path(config.path))
 
 
 def _content(raw: Raw) -> dict[str, Any]:

@@ -37,24 +37,22 @@ class Recorder(Service[RecorderConfig]):
     raw = batched = timed = True  # not timed: an imported log, whose recordings are equal to the byte
 
     def on_start(self) -> None:
-        self._output = output_of(self.config)
+        self._output = output_of(self.config, self._facts)
         self._hash = RunHash()
         self._pending: list[tuple[Topic[Any], Message]] = []
         self._latched: dict[str, Delivery] = {}
         """Newest message of each latched key."""
         self._known: set[tuple[str, int, int]] = set()
-        self._tick, self._epoch = -1, 0
+        self._tick, self._epoch, self._finished, self._failed = -1, 0, False, False
         self._began_s: float | None = None  # wall time of the first tick of the epoch
         self._configs: dict[str, str] = {}
         """Hash of the configuration of each service that is alive, by name."""
-        self._finished, self._failed = False, False
         self.handle(topics.RECORDER_STATUS, self.status)
         self.handle(topics.RECORDER_SAVE, self.save)
 
     def on_reset(self) -> None:
         self._close()
-        self._hash, self._finished, self._failed = RunHash(), False, False
-        self._began_s = None
+        self._hash, self._finished, self._failed, self._began_s = RunHash(), False, False, None
         self._latched, self._known = {}, set()  # a driver that was started again counts its epochs from 1
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
@@ -139,11 +137,14 @@ class Recorder(Service[RecorderConfig]):
         self._try(lambda output: output.write(topic, header, raw, self._tick))
 
     def _close(self) -> None:
-        summary = {"run_hash": self._hash.hexdigest(), "last_tick": str(self._tick)}
+        self._try(lambda output: output.end({"run_hash": self._hash.hexdigest(), **self._facts()}, self._hash.keys()))
+
+    def _facts(self) -> dict[str, str]:
+        """Return last tick, wall time (if it counts) and the hash of each service's configuration until now."""
+        facts = {"last_tick": str(self._tick), "configuration": json.dumps(dict(sorted(self._configs.items())))}
         if self.timed and self._began_s is not None:
-            summary["wall_s"] = f"{time.monotonic() - self._began_s:.3f}"
-        summary["configuration"] = json.dumps(dict(sorted(self._configs.items())))
-        self._try(lambda output: output.end(summary, self._hash.keys()))
+            facts["wall_s"] = f"{time.monotonic() - self._began_s:.3f}"
+        return facts
 
 
 SERVICE = Recorder

@@ -10,7 +10,7 @@ from surefoot.bus.interface import Raw
 from surefoot.errors import CallError
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.local import LocalSystem
-from surefoot.record.recording import open_readable, read_recording, recording_info
+from surefoot.record.recording import SUMMARY, open_readable, read_recording, recording_info
 from surefoot.schemas.base import Header
 from surefoot.schemas.system import SaveRequest
 from surefoot.schemas.topics import HW_IMU, RECORDER_SAVE, SIM_STATUS, SIM_TRUTH, STATE_VELOCITY, TERRAIN_MAP
@@ -25,7 +25,8 @@ UPRIGHT, LYING = [0.0, 0.0, 9.81], [9.81, 0.0, 0.1]
 
 @pytest.fixture
 def ring(tmp_path: Path) -> LastSeconds:
-    found = output_of(RecorderConfig(path=str(tmp_path / "run.mcap"), ring_s=RING_S, about=about(tmp_path)))
+    config = RecorderConfig(path=str(tmp_path / "run.mcap"), ring_s=RING_S, about=about(tmp_path))
+    found = output_of(config, lambda: {"wall_s": "2.5"})
     assert isinstance(found, LastSeconds)
     found.begin(1, 7, begun=False)
     return found
@@ -63,6 +64,7 @@ def test_a_fall_writes_the_last_seconds_with_map_files_and_facts(ring: LastSecon
     ticks = [item.stamp_ns // 10**7 for item in read_recording(path, ("hw/imu",))]
     assert ticks == list(range(251, 300))
     assert [item.stamp_ns for item in read_recording(path, ("terrain/map",))] == [0]
+    assert recording_info(path)["metadata"][SUMMARY] == {"wall_s": "2.5"}
     run = recording_info(path)["metadata"]["run"]
     assert (run["reason"], run["ring_s"], run["seed"], run["system"]) == ("fall", "0.5", "7", "ragno")
     assert "No such file" in run["not attached: gone.json"]
@@ -106,11 +108,16 @@ def test_a_request_over_the_bus_and_its_refusals(tmp_path: Path) -> None:
     driver.node.begin(EXPECT, "lockstep", 0.0, 1, "hold", 0)
     driver.node.leader.end_tick = 40
     system.run_until(lambda: driver.node.leader.state == "ended" and driver.node.leader.all_done())
+    recorder._configs["walker"] = "ab12"  # stated in its health
     reply = system.bus.call(RECORDER_SAVE, SaveRequest(reason="near_miss"))
     assert written(tmp_path) == ["run-near_miss.mcap"]
     ticks = {item.message().tick for item in read_recording(Path(reply.path), ("hw/imu",))}
     assert ticks == set(range(31, 41))
     assert [item.key for item in read_recording(Path(reply.path), ("terrain/map",))] == ["terrain/map"]
+    summary = recording_info(Path(reply.path))["metadata"][SUMMARY]
+    assert float(summary["wall_s"]) > 0.0
+    assert summary["last_tick"] == "40"
+    assert json.loads(summary["configuration"]) == {"walker": "ab12"}
     recorder._output = WholeRun(RecorderConfig(), tmp_path / "whole.mcap")
     with pytest.raises(CallError, match="ring_s is 0"):
         system.bus.call(RECORDER_SAVE, SaveRequest())
