@@ -60,6 +60,8 @@ class Bindings:
         seen = self._visible.setdefault(life.service, {})
         if not life.alive:
             seen.pop(life.instance, None)
+            if not seen:  # strangers may show any number of names
+                del self._visible[life.service]
             return ""
         seen[life.instance] = None
         if self.bound.get(DRIVER) == life.instance:  # the token of its service may follow that of the driver

@@ -1,7 +1,8 @@
 """Every `surefoot` command between backticks on the pages exists, with its options; the site takes every page in.
 
 Those that are quick and need neither a system nor a recording are executed here as they stand, those of the cheat sheet
-in `tests/e2e/test_cheat_sheet.py`, the features by `python -m tests.expected_features`.
+in `tests/e2e/test_cheat_sheet.py`, blocks of commands in `tests/e2e/test_pages.py`, the features by
+`python -m tests.expected_features`.
 """
 
 import importlib.util

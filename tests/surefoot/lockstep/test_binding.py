@@ -1,5 +1,6 @@
 """Which of several processes acts as a service: names that the supervisor's secret seals, newer ones, strangers."""
 
+import pickle
 from itertools import permutations
 
 import pytest
@@ -150,3 +151,14 @@ def test_a_name_that_is_not_ascii_ends_nothing() -> None:
     table.on_life(Life("estimator", odd.instance, True))
     table.check_seal(odd)
     assert table.candidates("estimator") == (odd.instance,)
+
+
+def test_names_of_processes_that_are_gone_cost_no_memory() -> None:
+    bindings = Bindings()
+    bindings.on_life(Life("walker", "a", True))
+    size = len(pickle.dumps(bindings.__dict__ | {"_born_ms": None}))
+    for number in range(1000):
+        for alive in (True, False, False):
+            bindings.on_life(Life(f"none{number}", "b", alive))
+    assert len(pickle.dumps(bindings.__dict__ | {"_born_ms": None})) == size
+    assert bindings.visible("walker", "a")
