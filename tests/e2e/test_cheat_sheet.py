@@ -39,7 +39,9 @@ ENDLESS = {
     "surefoot view": 30.0, "surefoot topic echo state/velocity": 30.0, "surefoot topic top": 30.0,
     "surefoot topic echo state/velocity --plot velocity": 2.0,
 }  # fmt: skip
-"""Commands that run until Ctrl-C, each with the longest time until it is ended, s wall: once it printed something."""
+"""Commands that run until Ctrl-C, each with the longest time until it is ended, s wall: once it printed something. One
+that draws only at its end is given `SLOWER` times as long where it had not come to anything by then."""
+SLOWER = 15.0
 FILES = ("surefoot doctor", "surefoot warm", *(f"surefoot {name} " for name in (
     "report", "why", "verify", "whatif", "bisect", "bag", "robot", "estimate")))  # fmt: skip
 """Beginnings of commands that need files and no system."""
@@ -74,12 +76,18 @@ def run(command: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 def run_for_a_while(command: str, folder: Path, variables: Mapping[str, str]) -> str:
     """Return what is wrong with a command that goes on until Ctrl-C: that it ends before, prints nothing or fails."""
+    patience = ENDLESS[command]
+    return run_for(patience, command, folder, variables) and run_for(SLOWER * patience, command, folder, variables)
+
+
+def run_for(patience: float, command: str, folder: Path, variables: Mapping[str, str]) -> str:
+    """Return what is wrong with a command that is ended once it prints something, after `patience` s at most."""
     out = folder / "printed.txt"
     with out.open("w") as stream:
         words = [sys.executable, "-m", "surefoot.lab.cli.main", *command.split()[1:]]
         process = start_process(words, cwd=folder, env=dict(variables), stdout=stream, stderr=subprocess.STDOUT)
         try:
-            end = time.monotonic() + ENDLESS[command]
+            end = time.monotonic() + patience
             while process.poll() is None and out.stat().st_size == 0 and time.monotonic() < end:
                 time.sleep(0.05)
             ended = process.poll()
