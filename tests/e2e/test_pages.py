@@ -98,7 +98,7 @@ def test_the_blocks_of_a_page_work_as_they_stand(page: str, guide: Guide) -> Non
         run_local(scenario, recording=guide.folder / "run.mcap")
         for name in ("a.mcap", "b.mcap"):
             shutil.copy(guide.folder / "run.mcap", guide.folder / name)
-    others = {"tcp/127.0.0.1:7448": free_address(), "run.mcap ...": "run.mcap", "RUN.mcap ...": "map-run/run.mcap"}
+    others = {"tcp/127.0.0.1:7448": free_address(), "run.mcap ...": "run.mcap", "RUN.mcap ...": "runs/*/run.mcap"}
     for block in HERE[page]:
         before, after = AROUND.get((page, block), ("", ""))
         lines = [before, *map(executable, guide.commands(page, block, others)), after]
