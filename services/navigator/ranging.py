@@ -12,6 +12,11 @@ from .planning.seen import expected_echo
 
 ECHO_SLACK = 0.25
 """Difference between echo and mapped distance up to which an echo supports the believed pose, m: walls are oblique."""
+KNOWN_M, SURE_M = 0.06, 0.05
+"""`KNOWN_M`: distance, m, by which an echo may be shorter than the nearest wall of the map in the cone and still
+counts as that wall's; `SURE_M`: standard deviation of the position, m, above which no echo does."""
+AHEAD_M = (0.1, 0.2)
+"""Distances straight ahead, m, at which the map must be free for the robot to walk on beside a wall that it knows."""
 
 
 def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tuple[bool, bool]:
@@ -29,7 +34,7 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tu
     Returns:
         True if only turns are allowed; True if the robot is to step back.
     """
-    tracker, conduct, unknown = localiser.tracker, maps.conduct, False
+    tracker, conduct, unknown, passes = localiser.tracker, maps.conduct, False, False
     if not localiser.lost.lost:
         at = placed(tracker.pose, (conduct.ranger_ahead, 0.0, 0.0))
         unsure = (spread(tracker.cov), math.sqrt(max(0.0, float(tracker.cov[2, 2]))))
@@ -40,7 +45,17 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tu
             expected = max(least, reach.shortest), max(largest, reach.shortest)
             got = reach.longest if reach.distance is None else reach.distance
             localiser.echo(got, expected, ECHO_SLACK + 2.0 * unsure[0], now)
+            explained = got > reach.shortest and got >= expected[0] - KNOWN_M  # at its least, it may be anything
+            passes = explained and unsure[0] <= SURE_M and _free_ahead(maps, tracker.pose)
         unknown = maps.see(reach, at, unsure, now)
     distance, bump = math.inf if reach.distance is None else reach.distance, any(reach.bump)
     close = unknown and distance <= max(conduct.close, reach.shortest)
-    return distance <= max(conduct.blocked, reach.shortest) or bump, close or bump
+    walls = unknown or not passes
+    return (walls and distance <= max(conduct.blocked, reach.shortest)) or bump, close or bump
+
+
+def _free_ahead(maps: Maps, pose: tuple[float, float, float]) -> bool:
+    """Return whether map and local map are free straight ahead of a pose: x, y in m, heading in rad, frame map."""
+    x, y, heading = pose
+    places = ((x + d * math.cos(heading), y + d * math.sin(heading)) for d in AHEAD_M)
+    return all(maps.enterable((x, y), place) for place in places)

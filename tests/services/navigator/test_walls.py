@@ -9,6 +9,7 @@ import pytest
 from surefoot.schemas.hw import Range
 from surefoot.services.navigator.planning.grid import OCCUPIED, FloorGrid
 from surefoot.services.navigator.planning.seen import SeenObstacles, expected_echo
+from surefoot.services.navigator.ranging import take_range
 from tests.services.navigator.journeys import Journey, ready
 
 HALF, LONGEST, SHORTEST = 0.5, 2.55, 0.25
@@ -210,6 +211,25 @@ def test_the_robot_steps_back_from_no_wall_of_the_map_and_into_none() -> None:
         walls_ahead(journey, 0.3)
         assert "step_back" not in journey.feedback().recoveries
         assert journey.missed(x, 0.0) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("echo", "y", "heading", "sd", "turns_only"),
+    [
+        (0.37, -0.6, -0.7, 0.01, False),  # that of the wall beside
+        (0.29, -0.6, -0.7, 0.01, True),  # nearer than the wall
+        (SHORTEST, -0.6, -0.7, 0.01, True),  # may be anything
+        (0.37, -0.6, -0.7, 0.06, True),  # the wall may be elsewhere
+        (0.28, -0.65, -math.pi / 2, 0.01, True),  # the wall ahead
+    ],
+)
+def test_beside_a_wall_of_the_map_the_robot_walks_on(
+    echo: float, y: float, heading: float, sd: float, turns_only: bool
+) -> None:
+    service = ready().service
+    service.localiser.place((1.0, y, heading))
+    service.localiser.tracker.cov[:3, :3] = np.diag([sd**2, sd**2, 1e-4])
+    assert take_range(reading(echo, HALF), service.localiser, service.maps, 10.0) == (turns_only, False)
 
 
 def put(journey: Journey, x: float) -> None:
