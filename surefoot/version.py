@@ -1,9 +1,6 @@
 """Version of the distribution, and a text on the platform, on which the last bits of its results depend."""
 
-import hashlib
 import math
-import platform
-import struct
 from functools import cache
 
 VERSION = "0.1.0"
@@ -16,6 +13,10 @@ def numbers() -> str:
     A C library has several versions of sine, exponential and the like and chooses by the processor: with fused
     multiply-add their last bits differ. They are named by a digest of 4096 of their values.
     """
+    import hashlib  # here: every command and service asks for the version, few for this
+    import platform
+    import struct
+
     values: list[float] = []
     for k in range(512):
         x = math.ldexp(1.0 + 0.61803398875 * k % 1.0, k % 12 - 8)
