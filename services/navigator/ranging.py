@@ -22,8 +22,9 @@ AHEAD_M = (0.1, 0.2)
 def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tuple[bool, bool]:
     """Enter a ranger reading into the local map and the check of the pose; return what it forbids and asks for.
 
-    Only turns are allowed where the ranger or a bumper shows an obstacle close ahead (Osswald et al.). The robot steps
-    back from what presses a bumper, and from what the map lacks where it is closer still.
+    Only turns are allowed where the ranger or a bumper shows an obstacle close ahead (Osswald et al.), unless it is a
+    wall of the map beside a way that is free straight ahead. The robot steps back from what presses a bumper, and from
+    what the map lacks where it is closer still.
 
     Args:
         reach: reading of the ranger.
@@ -50,8 +51,8 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tu
         unknown = maps.see(reach, at, unsure, now)
     distance, bump = math.inf if reach.distance is None else reach.distance, any(reach.bump)
     close = unknown and distance <= max(conduct.close, reach.shortest)
-    walls = unknown or not passes
-    return (walls and distance <= max(conduct.blocked, reach.shortest)) or bump, close or bump
+    near = distance <= max(conduct.blocked, reach.shortest) and (unknown or not passes)
+    return near or bump, close or bump
 
 
 def _free_ahead(maps: Maps, pose: tuple[float, float, float]) -> bool:

@@ -77,7 +77,11 @@ class Conduct(ModelPart):
     )  # fmt: skip
     suspect_turns: int = Field(default=2, ge=0, le=100, description="turns after which it walks on all the same")
     suspect_again: NotNegative = Field(default=10.0, description="s from then until it may look again")
-    blocked: NotNegative = Field(default=0.38, le=10, description="m, an echo so near forbids walking ahead")
+    blocked: NotNegative = Field(
+        default=0.38,
+        le=10,
+        description="m, an echo so near forbids walking ahead, unless it is of a wall of the map beside a free way",
+    )
     close: NotNegative = Field(
         default=0.30, le=10, description="m, an echo so near of what the map lacks makes the robot step back"
     )

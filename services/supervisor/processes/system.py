@@ -214,8 +214,8 @@ class System:
         code = self._processes[name].poll()
         if code is not None:
             failures = failures_after(state, now)
-            since, told = state.healthy_since, state.stopping_since
-            return Observed("exited", now, healthy_since=since, stopping_since=told, exit_code=code, failures=failures)
+            ended = Observed(phase="exited", since=now, exit_code=code, failures=failures)
+            return replace(ended, healthy_since=state.healthy_since, stopping_since=state.stopping_since)
         signs, check = self._signs[name], self._services[name].healthcheck
         silence = (
             0.0 if check is None else self._silence(name, now, min(NOTICED_S, 0.5 * check.interval_s * check.retries))
