@@ -132,6 +132,8 @@ class LeggedWalker:
                 s.calibrated = True
             if s.calibrated and not s.held:
                 self._level(inputs)
+            else:
+                s.felt = None
             if s.stage is Stage.SETTLE:
                 stepping.settle(s, TICK_S)
             elif s.stage is Stage.STAND:
@@ -153,12 +155,17 @@ class LeggedWalker:
         s.held = s.calibrated and (inputs.stamp - oldest > self.params.stale_s or not inputs.initialised)
 
     def _level(self, inputs: WalkerInputs) -> None:
+        """Turn the commanded trunk against the estimated tilt: slowly to level, of a crawling robot also at once.
+
+        Three legs that give way hold a heavy trunk only just: m g h is then near the stiffness of their servos.
+        """
         s, p = self.state, self.params
         gain = p.level_gain if s.stage is Stage.STEP else p.stand_level_gain
         limit = p.level_limit_rad
-        roll, pitch = anchor.tilt(s, inputs)
-        s.level[0] = max(-limit, min(limit, s.level[0] - gain * roll))
-        s.level[1] = max(-limit, min(limit, s.level[1] - gain * pitch))
+        felt = np.array((inputs.roll, inputs.pitch)) + p.brace_lead_s * np.array(inputs.rate[:2])
+        braced = p.brace_gain * (felt - s.felt) if s.gait.leans and s.felt is not None else np.zeros(2)
+        s.felt = felt
+        s.level = np.clip(s.level - gain * np.array(anchor.tilt(s, inputs)) - braced, -limit, limit)
 
     # --- standing and stepping -------------------------------------------------------------------------------------
 
@@ -183,7 +190,7 @@ class LeggedWalker:
 
     def _step(self, inputs: WalkerInputs) -> None:
         s = self.state
-        if stepping.advance(s, self.robot, self.params, TICK_S):
+        if stepping.advance(s, self.robot, self.params, TICK_S, np.array(anchor.tilt(s, inputs))):
             s.stage = Stage.STAND
             balance.relax(s, self.frame)
             if not s.held:

@@ -64,6 +64,10 @@ class WalkerState:
     yaw: float = 0.0
     level: Array = field(default_factory=lambda: np.zeros(2))
     """Commanded roll and pitch of the trunk, (2,) rad."""
+    felt: Array | None = None
+    """Estimated roll and pitch with a lead by their rates at the last tick, (2,) rad; None = no estimate then."""
+    skew: Array = field(default_factory=lambda: np.zeros(2))
+    """Estimated less commanded roll and pitch of the trunk at the last lift-off, (2,) rad."""
     tilt_offset: Array = field(default_factory=lambda: np.zeros(2))
     """Learned correction of the estimated roll and pitch, (2,) rad, from the heights of standing feet on the map."""
     feet: Array = field(default_factory=lambda: np.zeros((0, 3)))

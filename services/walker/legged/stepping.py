@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from surefoot.arrays import Flags
+from surefoot.arrays import Array, Flags
 from surefoot.geometry import rotations
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot
 
-from . import posture, swing
+from . import planning, posture, swing
 from .params import WalkerParams
 from .planning import StepPlan
 from .state import Stage, WalkerState
@@ -21,14 +21,14 @@ LOAD_S = 0.1  # s, in which a standing foot takes its load
 KEPT = 2.0 / 3.0  # of a lean, in which a foot that will lift keeps its load: the foot across loses as much as it does
 
 
-def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -> bool:
+def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float, tilt: Array) -> bool:
     """Move trunk and feet by one tick of the planned step, `dt` s; return True if the step is done.
 
     The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the feet
     that will lift give their load to the others at the end of the way, or the trunk would tip when they do. Feet that
     find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches
-    nothing when the trunk has come over it, and none lifts before: three feet carry only if all of them bear. `state`
-    and the landings of its plan are changed in place.
+    nothing when the trunk has come over it, and none lifts before: three feet carry only if all of them bear. `tilt`:
+    estimated roll and pitch of the trunk, (2,) rad. `state` and the landings of its plan are changed in place.
     """
     s, p, plan = state, params, state.plan
     assert plan is not None
@@ -46,7 +46,7 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
         return False
     clock = s.clock - plan.lean
     if plan.lean > 0.0 and clock < 1.5 * dt:  # the first tick of the swing, whatever was rounded
-        s.landed = ~plan.swing
+        s.landed, s.skew = ~plan.swing, tilt - s.level
     u = min(1.0, clock / plan.duration)
     v = max(0.0, (clock / plan.duration - p.overlap) / (1.0 - 2.0 * p.overlap))
     if s.fresh and v > plan.shape.fall_start + TOUCH_PHASE:
@@ -57,6 +57,8 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float) -
     paths = swing.SwingPaths(plan.shape, plan.swing, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive)
     rate = dt / (p.overlap * plan.duration)
     s.feet, s.support = swing.targets(paths, s.landed, v, s.feet, p.press_speed * dt, s.support, rate)
+    if plan.lean > 0.0 and not s.held:
+        _keep_height(s, plan.swing & ~s.landed, tilt, p.search_m)
     _move(s, plan, 1.0 if plan.lean > 0.0 else u)
     if u < 1.0 or seeking or not s.landed.all():
         return False
@@ -71,6 +73,18 @@ def _move(state: WalkerState, plan: StepPlan, part: float) -> None:
     a, b, ease = plan.begin, plan.end, swing.smooth(part)
     state.body[:] = (a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.z + ease * (b.z - a.z))
     state.yaw = a.yaw + part * (b.yaw - a.yaw)
+
+
+def _keep_height(state: WalkerState, feet: Flags, tilt: Array, most: float) -> None:
+    """Raise feet in the air, (L,), by what the trunk has tipped towards them since lift-off, `most` m at most.
+
+    They would else meet the ground early, at the speed of their fall, and throw the trunk back over two feet. `tilt`:
+    estimated roll and pitch of the trunk, (2,) rad. The feet of `state` are changed in place.
+    """
+    s = state
+    roll, pitch = tilt - s.level - s.skew
+    ahead, left = planning.rotated(-s.yaw, s.feet[:, :2] - s.body[:2]).T
+    s.feet[feet, 2] += np.clip(pitch * ahead - roll * left, -most, most)[feet]
 
 
 def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
