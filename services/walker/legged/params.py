@@ -51,8 +51,8 @@ class WalkerParams:
     stand_level_gain: float = 0.010
     """Part of the estimated trunk tilt that is corrected in each tick while standing, 0..1."""
     brace_gain: float = 0.6
-    """Part of a change of the trunk's tilt that a crawling robot counters in the same tick, 0..1; it oscillates from 1.6
-    on."""
+    """Part of a change of the trunk's tilt that a crawling robot counters in the same tick, no unit; 0 = none, from 1.6
+    on robots oscillate."""
     brace_lead_s: float = 0.0125
     """Time by which that tilt is predicted by the trunk's rate, s: a tick and a quarter, the delay of the estimate."""
     sag: float = 1.0

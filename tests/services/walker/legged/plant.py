@@ -27,6 +27,7 @@ class Plant:
         self.joints = walker.robot.neutral.copy()
         self.contacts = np.ones(walker.robot.nlegs, dtype=np.bool_)
         self.estimate_age = 0.0
+        self.tilt, self.turn = np.zeros(2), np.zeros(2)  # estimated roll and pitch, rad, and their rates, rad/s
         self.out: WalkerOutputs | None = None
         if heights is not None:
             walker.set_map(heights)
@@ -36,6 +37,9 @@ class Plant:
         s, now = self.walker.state, 0.01 * self.tick
         return WalkerInputs(
             stamp=now,
+            roll=float(self.tilt[0]),
+            pitch=float(self.tilt[1]),
+            rate=(float(self.turn[0]), float(self.turn[1]), 0.0),
             x=float(s.body[0]),
             y=float(s.body[1]),
             yaw=s.yaw,

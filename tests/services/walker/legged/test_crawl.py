@@ -277,3 +277,64 @@ def test_the_check_is_that_of_the_trunk_over_three_feet():
     assert step.movement == (0.0, 0.0, 0.0)
     assert step.legs == ("lf", "rf", "rh")
     assert step.base_position[:2] == pytest.approx([plan.end.x, plan.end.y])
+
+
+def swayed(stiffness, settle_s=4.0, params=PARAMS, delay=2):
+    """Rolls, rad, of a standing trunk on soft legs that a load tips for 0.8 s, by an oracle of one joint.
+
+    `stiffness`: of the legs against roll, over m g h: below 1 the trunk falls. The estimate is `delay` ticks old.
+    """
+    g_over_h, roll, speed, rolls = 9.81 / 0.3, 0.0, 0.0, [(0.0, 0.0)] * (delay + 1)
+    p = plant(LUPO, params=params)
+    p.run(1.0)
+    for tick in range(round(100 * settle_s)):
+        level, load = p.walker.state.level[0], 0.01 if tick < 80 else 0.0
+        for _ in range(10):
+            pull = g_over_h * (stiffness * (level - roll) + roll + load)
+            speed += 0.001 * (pull - 0.02 * stiffness * g_over_h * speed)
+            roll += 0.001 * speed
+        rolls.append((roll, speed))
+        p.tilt[0], p.turn[0] = rolls[-1 - delay]
+        p.step()
+    return np.array(rolls)[:, 0]
+
+
+@pytest.mark.parametrize(("stiffness", "share"), [(1.2, 0.1), (1.5, 0.1), (2.0, 0.3), (3.0, 0.8), (8.0, 0.8)])
+def test_a_trunk_on_soft_legs_tips_less_far(stiffness, share):
+    slow = np.abs(swayed(stiffness, params=WalkerParams.for_robot(LUPO, brace_gain=0.0)))
+    braced = np.abs(swayed(stiffness))
+    assert braced.max() < share * slow.max()
+    if stiffness >= 2.0:
+        assert braced[-100:].max() < 0.6 * braced.max()  # it comes to rest
+
+
+def test_a_gap_in_the_estimate_moves_no_foot():
+    p = plant(LUPO)
+    p.run(1.0)
+    p.estimate_age = 1.0
+    p.run(0.5)
+    p.tilt[:], p.estimate_age, before = 0.05, 0.0, p.walker.state.level.copy()
+    p.step()
+    assert p.walker.state.level == pytest.approx(before, abs=0.05 * PARAMS.stand_level_gain + 1e-9)
+
+
+def test_a_swinging_foot_keeps_its_height_when_the_trunk_tips():
+    def swing(tip):
+        p = begun(MotionCommand("walk", distance=0.3), LUPO)
+        while p.step().stance.all():
+            pass
+        s, heights = p.walker.state, []
+        leg, began = int(np.flatnonzero(~p.out.stance)[0]), None
+        while not p.out.stance[leg]:
+            unplanned = p.tilt - s.level
+            began = unplanned if began is None else began
+            rot = rotations.matrix_from_rpy(*(unplanned - began), 0.0)
+            heights.append((s.body + rot @ (s.feet[leg] - s.body))[2])
+            p.tilt += tip
+            p.step()
+        return np.array(heights)
+
+    level, tipped = swing(np.zeros(2)), swing(np.radians([0.05, -0.03]))
+    shared = min(len(level), len(tipped)) - 1
+    assert shared > 30
+    assert np.abs(tipped[5:shared] - level[5:shared]).max() < 0.003
