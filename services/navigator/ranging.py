@@ -12,11 +12,6 @@ from .planning.seen import expected_echo
 
 ECHO_SLACK = 0.25
 """Difference between echo and mapped distance up to which an echo supports the believed pose, m: walls are oblique."""
-KNOWN_M, SURE_M = 0.06, 0.05
-"""`KNOWN_M`: distance, m, by which an echo may be shorter than the nearest wall of the map in the cone and still
-counts as that wall's; `SURE_M`: standard deviation of the position, m, above which no echo does."""
-AHEAD_M = (0.1, 0.2)
-"""Distances straight ahead, m, at which the map must be free for the robot to walk on beside a wall that it knows."""
 
 
 def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tuple[bool, bool]:
@@ -46,8 +41,9 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tu
             expected = max(least, reach.shortest), max(largest, reach.shortest)
             got = reach.longest if reach.distance is None else reach.distance
             localiser.echo(got, expected, ECHO_SLACK + 2.0 * unsure[0], now)
-            explained = got > reach.shortest and got >= expected[0] - KNOWN_M  # at its least, it may be anything
-            passes = explained and unsure[0] <= SURE_M and _free_ahead(maps, tracker.pose)
+            nearest = expected[0] - conduct.wall_slack
+            explained = got > reach.shortest and got >= nearest  # at its least, an echo may be of anything
+            passes = explained and unsure[0] <= conduct.wall_sure and _free_ahead(maps, tracker.pose)
         unknown = maps.see(reach, at, unsure, now)
     distance, bump = math.inf if reach.distance is None else reach.distance, any(reach.bump)
     close = unknown and distance <= max(conduct.close, reach.shortest)
@@ -58,5 +54,6 @@ def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tu
 def _free_ahead(maps: Maps, pose: tuple[float, float, float]) -> bool:
     """Return whether map and local map are free straight ahead of a pose: x, y in m, heading in rad, frame map."""
     x, y, heading = pose
-    places = ((x + d * math.cos(heading), y + d * math.sin(heading)) for d in AHEAD_M)
+    way = maps.conduct.wall_free
+    places = ((x + d * math.cos(heading), y + d * math.sin(heading)) for d in (0.5 * way, way))
     return all(maps.enterable((x, y), place) for place in places)

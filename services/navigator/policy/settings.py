@@ -82,6 +82,17 @@ class Conduct(ModelPart):
         le=10,
         description="m, an echo so near forbids walking ahead, unless it is of a wall of the map beside a free way",
     )
+    wall_slack: NotNegative = Field(
+        default=0.06, le=10, description="m, an echo so much nearer than a wall of the map still counts as that wall's"
+    )
+    wall_sure: NotNegative = Field(
+        default=0.05, le=10, description="m, largest standard deviation of the position with which any echo does"
+    )
+    wall_free: Positive = Field(
+        default=0.2,
+        le=10,
+        description="m, way ahead, free on both maps, on which the robot walks on beside such a wall",
+    )
     close: NotNegative = Field(
         default=0.30, le=10, description="m, an echo so near of what the map lacks makes the robot step back"
     )
