@@ -27,7 +27,7 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float, t
     The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the feet
     that will lift give their load to the others at the end of the way, or the trunk would tip when they do. Feet that
     find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches
-    nothing when the trunk has come over it, and none lifts before: three feet carry only if all of them bear. `tilt`:
+    nothing after a landing, and when the trunk has come over it; none lifts before: three feet carry only if all bear. `tilt`:
     estimated roll and pitch of the trunk, (2,) rad. `state` and the landings of its plan are changed in place.
     """
     s, p, plan = state, params, state.plan
@@ -53,7 +53,8 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float, t
         _touch(s, robot, plan)
     if v > 1.0:
         _give_up(s, robot, plan)
-    seeking = _seek(s, robot, plan, plan.swing & s.landed, p.touch_speed * dt)
+    bearing = s.landed if plan.lean > 0.0 and s.landed.all() else plan.swing & s.landed
+    seeking = _seek(s, robot, plan, bearing, p.touch_speed * dt)
     paths = swing.SwingPaths(plan.shape, plan.swing, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive)
     rate = dt / (p.overlap * plan.duration)
     s.feet, s.support = swing.targets(paths, s.landed, v, s.feet, p.press_speed * dt, s.support, rate)
