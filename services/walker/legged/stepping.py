@@ -27,8 +27,8 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float, t
     The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the feet
     that will lift give their load to the others at the end of the way, or the trunk would tip when they do. Feet that
     find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches
-    nothing after a landing, and when the trunk has come over it; none lifts before: three feet carry only if all bear. `tilt`:
-    estimated roll and pitch of the trunk, (2,) rad. `state` and the landings of its plan are changed in place.
+    nothing after a landing, and when the trunk has come over it; none lifts before: three feet carry only if all bear.
+    `tilt`: estimated roll and pitch of the trunk, (2,) rad. `state` and the landings of its plan are changed in place.
     """
     s, p, plan = state, params, state.plan
     assert plan is not None

@@ -125,6 +125,22 @@ def test_no_foot_lifts_while_another_bears_nothing():
     assert ticks > 100 * dent / (2.0 * PARAMS.touch_speed)
 
 
+def test_a_step_is_not_over_while_a_foot_that_stood_bears_nothing():
+    """A foot that slips off an edge while another swings finds ground before the trunk leans again."""
+    p, dent = begun(MotionCommand("walk", distance=0.3), LUPO), 0.015
+    while not (p.walker.state.steps >= 2 and not p.out.stance.all()):
+        p.step()
+    s, ticks = p.walker.state, 0
+    lost, steps = (int(np.flatnonzero(~p.out.stance)[0]) + 1) % 4, p.walker.state.steps
+    before = gap = float(s.feet[lost, 2])
+    while s.steps == steps:
+        p.contacts[lost] = (gap := s.feet[lost, 2] - before + dent) <= 0.001
+        p.step()
+        ticks += 1
+        assert ticks < 400
+    assert gap <= 0.002
+
+
 def test_the_trunk_accelerates_within_its_limit():
     ticks = [(p.out.state, p.walker.state.body[:2].copy()) for p in crawled(MotionCommand("walk", distance=0.3))]
     bodies = np.array([body for state, body in ticks if state == "walking"])
