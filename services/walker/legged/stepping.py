@@ -27,7 +27,8 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float, t
     The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the feet
     that will lift give their load to the others at the end of the way, or the trunk would tip when they do. Feet that
     find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches
-    nothing after a landing, and when the trunk has come over it; none lifts before: three feet carry only if all bear.
+    nothing after a landing, while the trunk moves back from its lean, and when the trunk has come over it; none lifts
+    before: three feet carry only if all of them bear.
     `tilt`: estimated roll and pitch of the trunk, (2,) rad. `state` and the landings of its plan are changed in place.
     """
     s, p, plan = state, params, state.plan
@@ -60,7 +61,10 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float, t
     s.feet, s.support = swing.targets(paths, s.landed, v, s.feet, p.press_speed * dt, s.support, rate)
     if plan.lean > 0.0 and not s.held:
         _keep_height(s, plan.swing & ~s.landed, tilt, p.search_m)
-    _move(s, plan, 1.0 if plan.lean > 0.0 else u)
+    if plan.lean > 0.0 and seeking and s.landed.all():
+        _centre(s, p.trunk_speed * dt)
+    elif plan.lean == 0.0 or not s.landed.all():
+        _move(s, plan, 1.0 if plan.lean > 0.0 else u)
     if u < 1.0 or seeking or not s.landed.all():
         return False
     s.footholds = plan.feet_to.copy()
@@ -86,6 +90,15 @@ def _keep_height(state: WalkerState, feet: Flags, tilt: Array, most: float) -> N
     roll, pitch = tilt - s.level - s.skew
     ahead, left = planning.rotated(-s.yaw, s.feet[:, :2] - s.body[:2]).T
     s.feet[feet, 2] += np.clip(pitch * ahead - roll * left, -most, most)[feet]
+
+
+def _centre(state: WalkerState, reach: float) -> None:
+    """Move the trunk of the state back from its lean by `reach`, m, in place: two feet carry it there only just."""
+    s = state
+    size = float(np.hypot(s.lean[0], s.lean[1]))
+    step = s.lean * min(1.0, reach / max(size, 1e-12))
+    s.lean = s.lean - step
+    s.body[:2] -= planning.rotated(s.yaw, step[None])[0]
 
 
 def _touch(state: WalkerState, robot: Robot, plan: StepPlan) -> None:
