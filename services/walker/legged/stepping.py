@@ -28,8 +28,8 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float, t
     that will lift give their load to the others at the end of the way, or the trunk would tip when they do. Feet that
     find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches
     nothing after a landing, while the trunk moves back from its lean, and when the trunk has come over it; none lifts
-    before: three feet carry only if all of them bear.
-    `tilt`: estimated roll and pitch of the trunk, (2,) rad. `state` and the landings of its plan are changed in place.
+    before: three feet carry only if all of them bear. `tilt`: estimated roll and pitch of the trunk, (2,) rad. `state`
+    and the landings of its plan are changed in place.
     """
     s, p, plan = state, params, state.plan
     assert plan is not None
