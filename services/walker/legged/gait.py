@@ -130,9 +130,7 @@ class LeggedWalker:
             if inputs.initialised and not s.calibrated:
                 anchor.lay_over(s, self.params, self.frame.ground, inputs)
                 s.calibrated = True
-            # Over two feet no leg levels a trunk, and a level that goes on raises the feet in the air further.
-            rocks = s.gait.leans and np.count_nonzero(s.contacts) < stepping.CARRYING_FEET
-            if s.calibrated and not s.held and not rocks:
+            if s.calibrated and not s.held:
                 self._level(inputs)
             else:
                 s.felt = None
