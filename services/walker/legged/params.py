@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass
 
-from surefoot.robot.description import Robot
+from surefoot.robot.description import Robot, RobotError
 
 from ..commands import Abilities
 from ..settings import settings_of
 from .patterns import GaitPattern
 from .swing import SwingShape
+
+
+MOST_BRACE, MOST_LEAD_S = 1.2, 0.05
+"""Largest values of `brace_gain`, no unit, and `brace_lead_s`, s: beyond them quadrupeds have oscillated and fallen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,10 +55,10 @@ class WalkerParams:
     stand_level_gain: float = 0.010
     """Part of the estimated trunk tilt that is corrected in each tick while standing, 0..1."""
     brace_gain: float = 0.6
-    """Part of a change of the trunk's tilt that a crawling robot counters in the same tick, no unit; 0 = none, from 1.6
+    """Part of a change of the trunk's tilt that a crawling robot counters in the same tick, 0..1.2; 0 = none, from 1.6
     on robots oscillate."""
     brace_lead_s: float = 0.0125
-    """Time by which that tilt is predicted by the trunk's rate, s: a tick and a quarter, the delay of the estimate."""
+    """Time by which that tilt is predicted by the trunk's rate, s, 0..0.05: by default a tick and a quarter."""
     sag: float = 1.0
     """Part of the servos' compliance (torque / stiffness) that the set-points compensate, 0..1."""
     belly_m: float = 0.012
@@ -110,6 +114,11 @@ class WalkerParams:
     """Age of estimates and sensor samples above which no new step begins, s."""
     swing: SwingShape = SwingShape()  # noqa: RUF009 - a named tuple
     """Phases of a swing at which the foot stops rising, starts to descend and reaches the slow approach."""
+
+    def __post_init__(self) -> None:
+        for name, most in (("brace_gain", MOST_BRACE), ("brace_lead_s", MOST_LEAD_S)):
+            if not 0.0 <= getattr(self, name) <= most:
+                raise RobotError("value", f"gait.{name}", f"got {getattr(self, name):g}, allowed are 0 to {most:g}")
 
     @classmethod
     def for_robot(cls, robot: Robot, **changes: object) -> "WalkerParams":

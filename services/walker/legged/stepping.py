@@ -54,18 +54,19 @@ def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float, t
         _touch(s, robot, plan)
     if v > 1.0:
         _give_up(s, robot, plan)
-    bearing = s.landed if plan.lean > 0.0 and s.landed.all() else plan.swing & s.landed
+    leant, down = plan.lean > 0.0, bool(s.landed.all())
+    bearing = s.landed if leant and down else plan.swing & s.landed
     seeking = _seek(s, robot, plan, bearing, p.touch_speed * dt)
     paths = swing.SwingPaths(plan.shape, plan.swing, plan.feet_from, plan.feet_to, plan.top, plan.go, plan.arrive)
     rate = dt / (p.overlap * plan.duration)
     s.feet, s.support = swing.targets(paths, s.landed, v, s.feet, p.press_speed * dt, s.support, rate)
-    if plan.lean > 0.0 and not s.held:
+    if leant and not s.held:
         _keep_height(s, plan.swing & ~s.landed, tilt, p.search_m)
-    if plan.lean > 0.0 and seeking and s.landed.all():
+    if not (leant and down):
+        _move(s, plan, 1.0 if leant else u)
+    elif seeking:
         _centre(s, p.trunk_speed * dt)
-    elif plan.lean == 0.0 or not s.landed.all():
-        _move(s, plan, 1.0 if plan.lean > 0.0 else u)
-    if u < 1.0 or seeking or not s.landed.all():
+    if u < 1.0 or seeking or not down:
         return False
     s.footholds = plan.feet_to.copy()
     s.steps += 1

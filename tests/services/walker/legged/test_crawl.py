@@ -8,6 +8,7 @@ import pytest
 from surefoot.geometry import rotations
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.robot import kinematics
+from surefoot.robot.description import RobotError
 from surefoot.robot.reader import load_robot
 from surefoot.services.walker.interface import MotionCommand, StanceVerdict
 from surefoot.services.walker.legged.gait import LeggedWalker
@@ -326,6 +327,14 @@ def test_a_trunk_on_soft_legs_tips_less_far(stiffness, share):
     assert braced.max() < share * slow.max()
     if stiffness >= 2.0:
         assert braced[-100:].max() < 0.6 * braced.max()  # it comes to rest
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("brace_gain", -0.1), ("brace_gain", 1e9), ("brace_lead_s", -0.01), ("brace_lead_s", 0.1)]
+)
+def test_a_brace_that_makes_robots_fall_is_refused(field, value):
+    with pytest.raises(RobotError, match=f"gait.{field}: got .*, allowed are 0 to"):
+        WalkerParams.for_robot(LUPO, **{field: value})
 
 
 def test_a_gap_in_the_estimate_moves_no_foot():
