@@ -9,7 +9,6 @@ from ..settings import settings_of
 from .patterns import GaitPattern
 from .swing import SwingShape
 
-
 MOST_BRACE, MOST_LEAD_S = 1.2, 0.05
 """Largest values of `brace_gain`, no unit, and `brace_lead_s`, s: beyond them quadrupeds have oscillated and fallen."""
 
