@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.schemas.hw import ExternalMotion
@@ -13,8 +12,8 @@ from .feet.slip import FinishedStance
 from .inputs.external import ExternalSample
 from .output import OdometryPose, VelocityAndTilt
 
-PLANAR = np.ix_((0, 1, 2, 5), (0, 1, 2, 5))
-"""Index of the rows and columns of x, y, z and heading in the covariance (6, 6) of a pose."""
+PLANAR = tuple(6 * row + column for row in (0, 1, 2, 5) for column in (0, 1, 2, 5))
+"""Places of x, y, z and heading, row by row, in the 36 numbers of the covariance of a pose."""
 
 
 def velocity_message(e: VelocityAndTilt) -> VelocityEstimate:
@@ -56,13 +55,14 @@ def odometry_message(pose: OdometryPose, initialised: bool, stances: Sequence[Fi
         initialised: True if the pose can be used.
         stances: stances (times in which a foot stood) that ended since the last message.
     """
+    covariance: list[float] = pose.covariance.ravel().tolist()
     return Odometry(
         position=_list(pose.position),
         quat_wxyz=_list(pose.quat_wxyz),
         yaw=pose.yaw,
         velocity=_list(pose.velocity),
-        covariance=_list(pose.covariance[PLANAR].ravel()),
-        pose_covariance=_list(pose.covariance.ravel()),
+        covariance=tuple([covariance[place] for place in PLANAR]),
+        pose_covariance=tuple(covariance),
         initialised=initialised,
         stances=tuple(
             StanceEnd(foot=s.leg, slip=s.slip, begin=s.begin, samples=s.samples, healthy=s.healthy) for s in stances

@@ -6,6 +6,7 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.description import Robot
 
 from .config import EstimatorConfig
+from .feet.faulty import leg_faults
 from .feet.mount import foot_mount
 from .feet.slip import StanceSlip, feet_in_odom
 from .filter.log import LogInputs
@@ -31,7 +32,7 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
     period, up = estimator.params.imu_period_ns, np.array([0.0, 0.0, GRAVITY])
     joints, every = robot.neutral.copy(), np.ones(len(robot.legs), dtype=np.bool_)
     mount = foot_mount(robot)
-    slip = StanceSlip(len(mount.radius), mount.radius)
+    slip, faults = StanceSlip(len(mount.radius), mount.radius), leg_faults(robot)
     rest = 2 * estimator.params.standstill_samples + 2  # so long until a rest shows the bias of the gyro
     for i in range(rest + WALK_SAMPLES):
         stamp, walking = LATER_NS + i * period, i >= rest
@@ -43,7 +44,8 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
                 stamp, joints + 1e-3 * walking * np.sin(i + np.arange(joints.size)), every & ~(swinging & walking)
             )
         if walking:
-            slip.update(every, *feet_in_odom(mount, joints, estimator.pose()))
+            feet = feet_in_odom(mount, joints, estimator.pose())
+            slip.update(every, *feet, faults.update(joints, stamp, every, slip.risen(feet[0])))
             odometry_message(estimator.pose(), estimator.initialised)
             for mode in modes:
                 velocity_message(estimator.estimate(mode))

@@ -263,7 +263,7 @@ class Estimator:
         """True for feet of which `best` has found a sensor wrong, (L,)."""
         legs = NO_LEGS if self.best.quiet else self._best.condition.legs
         bits = legs.left_out | legs.switches | legs.jumping | legs.still | legs.swapped
-        return (bits >> np.arange(self._feet)) & 1 > 0
+        return (bits >> np.arange(self._feet)) & 1 > 0 if bits else np.zeros(self._feet, dtype=np.bool_)
 
     @property
     def initialised(self) -> bool:

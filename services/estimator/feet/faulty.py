@@ -6,11 +6,12 @@ and the same number for longer stands still. A joint cannot move farther between
 switch that stays closed while its foot rises is stuck.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 
 import numpy as np
 
-from surefoot.arrays import Array, Flags
+from surefoot.arrays import Array, Flags, Ints
+from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
 
 STILL_S = 0.35
@@ -23,20 +24,26 @@ RISEN = 0.015
 """Rise of a foot over the begin of its stance, m, above which its closed switch counts as stuck."""
 
 
-@dataclass(eq=False)
 class LegFaults:
-    """Detector of legs whose encoders or foot switches fail, so that slip is not learned from their stances."""
+    """Detector of legs whose encoders or foot switches fail, so that slip is not learned from their stances.
 
-    joints: tuple[tuple[int, ...], ...]
-    count: int
-    still_s: Array = field(init=False)
-    """Time since the angle of each joint changed last, (nj,) s."""
+    Args:
+        joints: indices of the joints of each leg.
+        count: number of joints nj.
+    """
 
-    def __post_init__(self) -> None:
-        self.still_s = np.zeros(self.count)
-        self._last: Array | None = None
-        self._stamp_ns = 0
-        self._jumped_s = np.full(len(self.joints), np.inf)
+    def __init__(self, joints: Sequence[Sequence[int]], count: int) -> None:
+        self._joints = np.full((len(joints), max(map(len, joints))), -1, dtype=np.int64)
+        """Joints of each leg, (L, n); -1 fills the rows of legs with fewer."""
+        for leg, own in enumerate(joints):
+            self._joints[leg, : len(own)] = own
+        self._still_s = np.zeros(count)
+        """Time since the angle of each joint changed last, (nj,) s."""
+        self._last = np.zeros(count)
+        """Angles at the sample before, (nj,) rad."""
+        self._jumped_s = np.full(len(joints), np.inf)
+        """Time since an encoder of each leg jumped, or its switch was stuck, last, (L,) s."""
+        self._stamp_ns: int | None = None
 
     def update(self, q: Array, stamp_ns: int, closed: Flags, risen: Array) -> Flags:
         """Take one sample; return True for legs whose stance, if it ends now, is not to be learned from, (L,).
@@ -47,20 +54,43 @@ class LegFaults:
             closed: foot switches, True = closed, (L,).
             risen: height of each foot over the begin of its stance, (L,) m; 0 in swing.
         """
-        moved = np.zeros(self.count) if self._last is None else np.abs(q - self._last)
-        dt_s = 0.0 if self._last is None else 1e-9 * (stamp_ns - self._stamp_ns)
-        self._last, self._stamp_ns = q.copy(), stamp_ns
-        self.still_s = np.where(moved > 0.0, 0.0, self.still_s + dt_s)
-        self._jumped_s += dt_s
-        out = closed & (risen > RISEN)
-        for leg, own in enumerate(self.joints):
-            at = list(own)
-            if (moved[at] > FASTEST * max(dt_s, 1e-3)).any() or out[leg]:
-                self._jumped_s[leg] = 0.0
-            out[leg] |= bool(self._jumped_s[leg] < KEPT_S or (self.still_s[at] > STILL_S).any())
-        return out
+        if self._stamp_ns is None:
+            self._last[:], self._stamp_ns = q, stamp_ns
+        dt_s, self._stamp_ns = 1e-9 * (stamp_ns - self._stamp_ns), stamp_ns
+        return _faulty(self._joints, self._last, self._still_s, self._jumped_s, q, dt_s, closed, risen)
+
+
+@kernel
+def _faulty(
+    joints: Ints, last: Array, still_s: Array, jumped_s: Array, q: Array, dt_s: float, closed: Flags, risen: Array
+) -> Flags:
+    """Update the memory of joints and legs with one sample, in place; return True for faulty legs, (L,).
+
+    Args:
+        joints: joints of each leg, (L, n), -1 = none.
+        last: angles at the sample before, (nj,) rad; changed.
+        still_s: time since each angle changed last, (nj,) s; changed.
+        jumped_s: time since an encoder of each leg jumped, or its switch was stuck, last, (L,) s; changed.
+        q: joint angles, (nj,) rad.
+        dt_s: time since the sample before, s.
+        closed: foot switches, True = closed, (L,).
+        risen: height of each foot over the begin of its stance, (L,) m; 0 in swing.
+    """
+    moved = np.abs(q - last)
+    for j in range(q.size):
+        last[j], still_s[j] = q[j], 0.0 if moved[j] > 0.0 else still_s[j] + dt_s
+    out = np.zeros(jumped_s.size, dtype=np.bool_)
+    for leg in range(jumped_s.size):
+        jumped, still = closed[leg] and risen[leg] > RISEN, False
+        for j in joints[leg]:
+            if j >= 0:
+                jumped = jumped or moved[j] > FASTEST * max(dt_s, 1e-3)
+                still = still or still_s[j] > STILL_S
+        jumped_s[leg] = 0.0 if jumped else jumped_s[leg] + dt_s
+        out[leg] = still or jumped_s[leg] < KEPT_S
+    return out
 
 
 def leg_faults(robot: Robot) -> LegFaults:
     """Return a new detector of failing encoders and foot switches for the legs of a robot."""
-    return LegFaults(tuple(tuple(leg.joints) for leg in robot.legs), robot.nj)
+    return LegFaults([leg.joints for leg in robot.legs], robot.nj)
