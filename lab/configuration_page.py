@@ -1,4 +1,4 @@
-"""Generator of the page docs/configuration.md, which lists all parameters of all services.
+"""Generator of the page docs/configuration.md, which lists all parameters of all services, and of the gaits.
 
 Run by `python -m surefoot.lab.configuration_page > docs/configuration.md`.
 """
@@ -8,12 +8,15 @@ import sys
 from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
 
 from surefoot.files import PACKAGE
 from surefoot.lockstep.config import PREFIX
 from surefoot.lockstep.discover import own_service_names, service_class
 from surefoot.services.supervisor.processes.compose import load_compose
 from surefoot.services.supervisor.scenarios.scenario import load_scenario
+from surefoot.services.walker.biped.params import BipedParams
+from surefoot.services.walker.legged.params import WalkerParams
 
 from .topics_page import table
 
@@ -33,14 +36,19 @@ A parameter gets its value from, the later the stronger:
 
 Values are read as TOML where they can be (numbers, booleans, lists), else as text. A wrong value is refused before
 anything starts. Numbers of a robot are in its `robot.toml`, those of a run in its scenario: `surefoot schema file
-robot`, `surefoot schema file scenario`. The last column names the files of `compose/` and `scenarios/` that set the
-parameter.
+robot`, `surefoot schema file scenario`; numbers of a gait are at the end of this page. The last column names the files
+of `compose/` and `scenarios/` that set the parameter.
 
 A parameter that is live can be changed while its service runs, between two ticks: `surefoot param set SERVICE PARAMETER
 VALUE`. It lasts until the service ends; a recording holds the change as a line of the log, and a repeat of that run
 differs from there on.
 """
 _COLUMNS = ("parameter", "default", "allowed", "unit and meaning", "set in")
+_GAITS = {"four or six legs": WalkerParams, "two legs": BipedParams}
+_GAIT = """## Gait of robots with {}
+Table `[gait]` of `robot.toml`. A parameter without a default must stand there; other names are refused.
+
+"""
 _SIGNS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 
 
@@ -61,11 +69,19 @@ def page() -> str:
             for name, field in fields.items()
         ]
         parts.append(f"## {service}\n`SUREFOOT_{service.upper()}_<PARAMETER>`\n\n{table(_COLUMNS, rows)}")
+    for legs, model in _GAITS.items():
+        rows = [
+            (f"`{name}`", _default(field), _allowed(field, False), field.description or "")
+            for name, field in model.model_fields.items()
+            if field.annotation in (float, int)
+        ]
+        parts.append(_GAIT.format(legs) + table(_COLUMNS[:-1], rows))
     return "\n".join(parts)
 
 
 def _default(field: FieldInfo) -> str:
-    return f"`{json.dumps(field.get_default(call_default_factory=True))}`"
+    default = field.get_default(call_default_factory=True)
+    return "" if default is PydanticUndefined else f"`{json.dumps(default)}`"
 
 
 def _allowed(field: FieldInfo, live: bool) -> str:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from surefoot.errors import FieldError
-from surefoot.nearest import did_you_mean
+from surefoot.nearest import did_you_mean, nearest
 
 UNIT_SLACK = 1e-6
 """Largest deviation from 1 of the length of a unit vector in a file; a larger one is refused."""
@@ -83,14 +83,18 @@ def validated(model: type[M], data: object, error: type[TableError] = TableError
 
 def table_error(exc: ValidationError, model: Any, error: type[TableError], path: str = "") -> TableError:
     """Return the first error of a pydantic validation of `model` as an `error` with code, field and message."""
-    first = exc.errors(include_url=False)[0]
+    first, *others = exc.errors(include_url=False)
     loc, context = first["loc"], first.get("ctx", {})
     code = _code(first)
     if loc[-1:] == ("[key]",):
         code, loc = "value", loc[:-2]
     for part in (*loc, *filter(None, [context.get("field")])):
         path += f"[{part}]" if isinstance(part, int) else f".{part}"
-    return error(code, path.removeprefix(".") or "file", _sentence(code, first, model))
+    text = _sentence(code, first, model)
+    if code == "missing":  # a misspelled key is two errors: the right one is missing, the wrong one unknown
+        beside = [str(e["loc"][-1]) for e in others if e["type"] in _UNKNOWN and e["loc"][:-1] == first["loc"][:-1]]
+        text += f"; {near!r} is not known here" if (near := nearest(str(first["loc"][-1]), beside)) else ""
+    return error(code, path.removeprefix(".") or "file", text)
 
 
 def read_toml(path: Path, error: type[TableError] = TableError) -> dict[str, object]:

@@ -168,7 +168,7 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
     from surefoot.bus.endpoint import to_listen
     from surefoot.services.supervisor.processes.startable import system_of
 
-    from ..cli.before import check_world
+    from ..cli.before import check_system
     from ..cli.warming import warm_if_cold
 
     endpoint = to_listen(options.listen)
@@ -176,8 +176,7 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
         for number in seeds:
             refuse_existing(_folder(options.out, number), force=force, folder=True)
     compose = system_of(scenario, os.environ)
-    if "simulator" in compose.services:
-        check_world(scenario.world, scenario.seed)
+    check_system(compose, scenario.world, scenario.seed)
     warm_if_cold(compose, endpoint, notify)
     return seeds
 

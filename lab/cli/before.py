@@ -1,11 +1,41 @@
-"""Check of a simulated world before its services start: without it, an error shows only when all are up."""
+"""Checks of a world and of a gait before the services start: without them, an error shows only when all are up."""
 
 from typing import TYPE_CHECKING
 
 from surefoot.errors import ConfigError
 
 if TYPE_CHECKING:
+    from surefoot.robot.description import Robot
     from surefoot.schemas.sim import World
+    from surefoot.services.supervisor.processes.compose import Compose
+
+
+def check_system(compose: "Compose", world: "World", seed: int) -> None:
+    """Check what the services of a system start with: the gait of a walker, the world of a simulator.
+
+    Args:
+        compose: the system.
+        world: the world that its simulator is to make.
+        seed: seed of the world.
+
+    Raises:
+        RobotError: a number of the robot's gait is unknown, missing or out of its range.
+        ConfigError: the world cannot be made.
+    """
+    from surefoot.robot.reader import load_robot
+
+    if "walker" in compose.services:
+        check_gait(load_robot(compose.robot))
+    if "simulator" in compose.services:
+        check_world(world, seed)
+
+
+def check_gait(robot: "Robot") -> None:
+    """Check the numbers of a robot's gait; raise RobotError if one is unknown, missing or out of its range."""
+    from surefoot.services.walker.biped.params import BipedParams
+    from surefoot.services.walker.legged.params import WalkerParams
+
+    (BipedParams if robot.kind == "biped" else WalkerParams).for_robot(robot)
 
 
 def check_world(world: "World", seed: int) -> None:

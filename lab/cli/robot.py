@@ -102,8 +102,12 @@ def check(
     """Validate a robot description, show its summary, and compare an imported one with its source."""
     from surefoot.robot.reader import load_robot
 
+    from .before import check_gait
+
     use_json(json)
     robot = load_robot(name)
+    if robot.gait:  # empty: a robot that cannot walk
+        check_gait(robot)
     content, rows = _summary(robot)
     if imported := any((Path(name) / part).exists() for part in ("import.json", "source.xml")):
         from ..robots.compare import WITNESS, checked

@@ -59,7 +59,7 @@ def run(
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
 
     from ..runs.live import Options, conduct
-    from .before import check_world
+    from .before import check_system
     from .warming import warm_if_cold
 
     use_json(json)
@@ -72,8 +72,7 @@ def run(
         refuse_existing(out, force=force, folder=True)
     compose = system_of(loaded, os.environ)
     RunFolder(compose.name).refuse_held()
-    if "simulator" in compose.services:
-        check_world(loaded.world, loaded.seed if seed is None else seed)
+    check_system(compose, loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, endpoint, notify)
     options = Options(seed, record, rtf, strict, listen, out)
     with viewer(endpoint, namespace_of(compose.robot), compose.robot, wanted=view), line:

@@ -65,7 +65,7 @@ def up(
     from surefoot.services.supervisor.processes.startable import startable
 
     from ..runs.attached import attached
-    from .before import check_world
+    from .before import check_system
     from .warming import warm_if_cold
 
     use_json(json)
@@ -79,8 +79,7 @@ def up(
     files = {} if record is None else attached(compose)
     order = StartOrder(World(terrain=terrain), seed, rtf, record, None if robot is None else compose.robot, files)
     if not log:  # else `start_detached` runs this, after the same checks
-        if "simulator" in compose.services:
-            check_world(order.world, seed)
+        check_system(compose, order.world, seed)
         warm_if_cold(compose, endpoint, notify)
         if not is_secure((listen or endpoint,)):
             notify(OPEN)

@@ -59,7 +59,8 @@ class BipedWalker:
 
     def _params_of(self, gait: str) -> BipedParams:
         own = self._own
-        return own if gait == GAITS[0] else replace(own, step_s=own.quick_s, step_m=own.quick_m)
+        quick = {"step_s": own.quick_s, "step_m": own.quick_m}
+        return own if gait == GAITS[0] else own.model_copy(update=quick)
 
     def _take_params(self, params: BipedParams) -> None:
         self.params = params

@@ -234,8 +234,9 @@ def complete(
     feet_to[list(legs), 2] -= params.press_m
     fall = float(np.max(highest - feet_to[list(legs), 2]))
     duration = 0.5 * params.period_s * min(params.longest_step, max(1.0, fall / params.full_speed_fall_m))
-    slow = (1.0 - params.swing.fall_end) * (1.0 - 2.0 * params.overlap) * duration
-    shape = params.swing._replace(approach=min(params.touch_speed * slow, 0.5 * params.clearance_m))
+    usual = SwingShape()
+    slow = (1.0 - usual.fall_end) * (1.0 - 2.0 * params.overlap) * duration
+    shape = usual._replace(approach=min(params.touch_speed * slow, 0.5 * params.clearance_m))
     swinging = np.zeros(n, dtype=np.bool_)
     top, go, arrive = np.zeros(n), np.zeros(n), np.ones(n)
     for k, leg in enumerate(legs):

@@ -1,5 +1,6 @@
-"""A world that cannot be built is refused before anything starts, with what was given and what is allowed."""
+"""A world that cannot be built, or a gait out of its limits, is refused before anything starts, with the limits."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -41,3 +42,20 @@ def test_a_scenario_with_an_unknown_depth_camera_ends_before_anything_starts(com
     own = (ROOT / "scenarios/ragno-own-map.toml").read_text()
     file.write_text(own.replace('depth_camera = "mast"', 'depth_camera = "nope"'))
     assert "world.depth_camera: got 'nope', known are mast" in complaint("run", str(file))
+
+
+@pytest.mark.parametrize("command", ["robot check {}", "run crawl-flat --robot {}", "up lupo -d --robot {}"])
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("stride_m = 0.200", "stride_m = 9", "gait.stride_m: got 9.0; input should be less than or equal to 5"),
+        ("stride_m = 0.200", "strid_m = 0.2", "gait.stride_m: is missing; 'strid_m' is not known here"),
+        ("overlap = 0.10", "overlap = 0.10\nlean_margn_m = 0.06", "gait.lean_margn_m: is not known here"),
+    ],
+)
+def test_a_gait_that_no_walker_takes_is_refused_before_anything_starts(complaint, tmp_path, command, old, new, words):
+    shutil.copytree(ROOT / "surefoot/robots/lupo", folder := tmp_path / "mine")
+    content = (folder / "robot.toml").read_text()
+    assert f"\n{old}" in content
+    (folder / "robot.toml").write_text(content.replace(f"\n{old}", f"\n{new}"))
+    assert words in complaint(*command.format(folder).split())

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,7 +91,7 @@ def final(steps):
 
 
 def test_ten_centimetres_of_nao_are_two_steps_and_a_closing_one():
-    params = replace(P, step_m=0.05)
+    params = P.model_copy(update={"step_m": 0.05})
     steps = all_steps(MotionCommand("walk", distance=0.10), params)
     assert (len(steps), steps[1].body) == (3, pytest.approx([0.10, 0.0, 0.0]))
     feet, body = final(steps)
