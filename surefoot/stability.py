@@ -27,6 +27,8 @@ __all__ = ["ContactSet", "Region", "contacts", "forces", "lifts", "margin", "reg
 WIDEST = 10.0
 """Largest distance between two contacts along an axis, and of the centre of mass from the nearest contact, m; larger
 ones are refused."""
+RAYS = 64
+"""Number of directions in which the edge of a region without bounds is searched first."""
 MOST_DIRECTIONS = 4096
 """Largest number of search directions for the border of a support region; more are refused."""
 
@@ -82,7 +84,8 @@ def region(
 def margin(where: ContactSet | Region, com: ArrayLike) -> float:
     """Return the distance of the centre of mass from the edge of the region, m: negative outside of it.
 
-    -inf: the robot falls wherever its centre of mass is; inf: it falls nowhere.
+    -inf: the robot falls, and how far from the edge is not known: there is no region, or one without bounds elsewhere.
+    inf: it falls nowhere. In a region without bounds, as between walls, the nearest of 64 rays to the edge is refined.
 
     Args:
         where: contacts, or their region, which saves its computation.
@@ -92,8 +95,32 @@ def margin(where: ContactSet | Region, com: ArrayLike) -> float:
         FieldError: an argument that cannot be used.
     """
     found = where if isinstance(where, Region) else region_of(_checked(where, "where"))
-    value = margins.margin(found, _place(com, found.contacts)).value
-    return (math.inf if found.status == "unbounded" else -math.inf) if value is None else value
+    place = _place(com, found.contacts)
+    if found.status == "unbounded":
+        return _to_the_edge(found, place)
+    value = margins.margin(found, place).value
+    return -math.inf if value is None else value
+
+
+def _to_the_edge(found: Region, place: Array) -> float:
+    """Return the distance, m, of a place (2,) m in a region without bounds from its edge; -inf: it is outside."""
+    if not equilibrium(found.contacts, place).held:
+        return -math.inf
+
+    def reach(angle: float) -> float:
+        value = margins.extent(found, place, np.array([math.cos(angle), math.sin(angle)])).value
+        return math.inf if value is None else max(0.0, value)
+
+    step = 2.0 * math.pi / RAYS
+    reaches = [reach(step * k) for k in range(RAYS)]
+    nearest = int(np.argmin(reaches))
+    if not math.isfinite(reaches[nearest]):
+        return math.inf
+    low, high = step * (nearest - 1), step * (nearest + 1)
+    while high - low > 1e-7:  # the edge is convex: along it the distance falls, then rises
+        left, right = low + (high - low) / 3.0, high - (high - low) / 3.0
+        low, high = (low, right) if reach(left) <= reach(right) else (left, high)
+    return min(reaches[nearest], reach(0.5 * (low + high)))
 
 
 def lifts(contacts: ContactSet, com: ArrayLike) -> Array:

@@ -12,7 +12,7 @@ from base64 import b64decode
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, Self, cast
+from typing import Any, Literal, Self, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,8 @@ SMALLEST_CELL, WIDEST_CELL = 1e-6, 1e3
 MAX_CELLS = 16_000_000
 """Largest allowed number of cells of a map (4000 x 4000, 64 MB); a larger map is refused."""
 
+Interpolation = Literal["bilinear", "nearest"]
+"""Ways by which a height between the centres of cells is computed."""
 
 FLOATS: tuple[type[Any], ...] = (float, np.floating)
 """Types that count as floating-point numbers when fields of a map are checked."""
@@ -131,9 +133,7 @@ class HeightMap:
 
     # --- heights ------------------------------------------------------------------------------------------------
 
-    def height(
-        self, x: ArrayLike, y: ArrayLike, method: Literal["bilinear", "nearest"] = "bilinear"
-    ) -> NDArray[np.float64]:
+    def height(self, x: ArrayLike, y: ArrayLike, method: Interpolation = "bilinear") -> NDArray[np.float64]:
         """Return heights of the ground at points, m; NaN outside the map, or where a cell used for one is unknown.
 
         Args:
@@ -143,7 +143,12 @@ class HeightMap:
 
         Returns:
             Array of the broadcast shape (zero-dimensional for scalars: `float()` it).
+
+        Raises:
+            HeightMapError: another method.
         """
+        if method not in get_args(Interpolation):
+            raise HeightMapError("method", f"got {method!r}, allowed are {', '.join(get_args(Interpolation))}")
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
         out = np.empty(xs.shape, dtype=np.float64)
         cells.heights(self.z, self.cell, *self.origin, xs.ravel(), ys.ravel(), method == "bilinear", out.reshape(-1))

@@ -29,7 +29,9 @@ def save(heightmap: HeightMap, path: str | Path, **extra: str | int | float) -> 
     Returns:
         The path of the `.npz` file.
     """
-    target = Path(path).with_suffix(".npz")
+    target = Path(path)
+    ours = target.suffix in (".npz", ".json")  # any other dot belongs to the name
+    target = target.with_suffix(".npz") if ours else target.with_name(f"{target.name}.npz")
     arrays: dict[str, NDArray[Any]] = {key: np.asarray(value) for key, value in extra.items()}
     arrays |= {
         "z": heightmap.z.astype("<f4", copy=False),

@@ -6,6 +6,7 @@
 Angles in rad, positions in m, frame base_link, joints and legs in the order of the description.
 """
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from surefoot.arguments import WIDEST_ANGLE, array, instance
@@ -20,6 +21,9 @@ __all__ = ["Robot", "RobotError", "com", "feet", "joints", "load", "names", "sta
 
 FARTHEST = 10.0
 """Largest absolute coordinate of a foot in base_link, m; a larger one is refused, as probably in millimetres."""
+
+MISSED_M = 1e-6
+"""Distance, m, of a foot from its wanted place from which on the joint angles are refused."""
 
 
 def stance(robot: Robot) -> Array:
@@ -45,7 +49,7 @@ def joints(robot: Robot, feet: ArrayLike) -> Array:
         feet: foot centres in base_link, (L, 3) m.
 
     Raises:
-        FieldError: a shape, NaN or range, or a place that a leg cannot reach.
+        FieldError: a shape, NaN or range, or a place that a leg cannot reach, alone or with the others.
     """
     wanted = array(feet, "feet", (len(_known(robot).legs), 3), "m", low=-FARTHEST, high=FARTHEST)
     q, reached = kinematics.legs_ik(robot.model, wanted)
@@ -53,6 +57,11 @@ def joints(robot: Robot, feet: ArrayLike) -> Array:
         leg = int((~reached).argmax())
         text = f"got {wanted[leg].tolist()} m, out of reach of leg {robot.leg_names[leg]} within its joint limits"
         raise FieldError("range", f"feet.{leg}", text)
+    missed = np.linalg.norm(kinematics.foot_positions(robot.model, q) - wanted, axis=1)
+    if missed.max() > MISSED_M:  # a motor that moves two legs, as the Nao's hips
+        leg = int(missed.argmax())
+        text = f"got {wanted[leg].tolist()} m, which leg {robot.leg_names[leg]} misses by {missed[leg]:.3g} m"
+        raise FieldError("range", f"feet.{leg}", f"{text}: a motor of it moves another leg too")
     return q
 
 

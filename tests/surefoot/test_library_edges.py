@@ -1,0 +1,79 @@
+"""Edges of the library: regions without bounds, legs with a common motor, names of files, words that are not known."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import surefoot
+from surefoot.errors import FieldError
+
+
+WALLS = {
+    "a line": ([(-0.4, 0.0, 0.0), (0.4, 0.0, 0.0)], [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]),
+    "a half-plane": (
+        [(-0.4, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.2, 0.0)], [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "com", "expected"),
+    [
+        ("a line", (0.0, 0.0), 0.0), ("a line", (3.0, 0.0), 0.0), ("a line", (0.0, 0.3), -math.inf),
+        ("a half-plane", (0.0, 0.1), 0.1), ("a half-plane", (0.2, 0.35), 0.35),
+        ("a half-plane", (0.0, -0.01), -math.inf),
+    ],
+)  # fmt: skip
+def test_a_region_between_walls_has_an_edge_though_no_bound(
+    name: str, com: tuple[float, float], expected: float
+) -> None:
+    """Two walls hold a trunk on the line through both contacts; ground beside it, on its side of the line."""
+    points, normals = WALLS[name]
+    feet = surefoot.stability.contacts(points, normals)
+    assert surefoot.stability.region(feet).status == "unbounded"
+    assert surefoot.stability.margin(feet, com) == pytest.approx(expected, abs=1e-6)
+    assert (surefoot.stability.forces(feet, com) is None) == (expected == -math.inf)
+
+
+def test_between_walls_no_place_has_a_margin_that_nothing_holds() -> None:
+    rng, held = np.random.default_rng(5), 0
+    for _ in range(120):
+        n = int(rng.integers(3, 6))
+        side = np.where(np.arange(n) % 2 == 0, 1.0, -1.0)
+        points, normals = rng.uniform(-0.5, 0.5, (n, 3)), np.zeros((n, 3))
+        points[:, 0], normals[:, 0] = -0.4 * side, side
+        feet = surefoot.stability.contacts(points, normals, rng.uniform(0.3, 1.0, n))
+        com = points[:, :2].mean(axis=0) + rng.normal(0.0, 0.1, 2)
+        found = surefoot.stability.margin(feet, com)
+        assert (found >= 0.0) == (surefoot.stability.forces(feet, com) is not None)
+        if 0.0 < found < math.inf:
+            held += 1
+            for angle in rng.uniform(0.0, 2.0 * math.pi, 8):
+                inside = com + 0.99 * found * np.array((math.cos(angle), math.sin(angle)))
+                assert surefoot.stability.forces(feet, inside) is not None
+    assert held > 3
+
+
+def test_legs_that_share_a_motor_are_refused_places_that_they_miss() -> None:
+    """The hips of the Nao turn by one motor: a foot put elsewhere alone would move the other one."""
+    nao = surefoot.robots.load("nao")
+    feet = surefoot.robots.feet(nao, surefoot.robots.stance(nao))
+    turned = feet + np.array(((0.03, 0.02, 0.0), (0.0, 0.0, 0.0)))
+    with pytest.raises(FieldError, match=r"misses by|out of reach"):
+        surefoot.robots.joints(nao, turned)
+
+
+def test_maps_whose_names_have_a_dot_do_not_overwrite_each_other(tmp_path: Path) -> None:
+    maps = [surefoot.terrain.HeightMap(np.full((3, 3), z, dtype=np.float32), 0.1, (0.0, 0.0)) for z in (0.0, 1.0)]
+    names = [surefoot.terrain.save(each, tmp_path / f"ground_0.{k}5") for k, each in enumerate(maps)]
+    assert [name.name for name in names] == ["ground_0.05.npz", "ground_0.15.npz"]
+    assert sorted(each.name for each in tmp_path.glob("*.json")) == ["ground_0.05.json", "ground_0.15.json"]
+    assert [float(surefoot.terrain.load(name).z[0, 0]) for name in names] == [0.0, 1.0]
+
+
+def test_an_unknown_interpolation_is_refused() -> None:
+    ground = surefoot.terrain.HeightMap(np.eye(2, dtype=np.float32), 0.1, (0.0, 0.0))
+    with pytest.raises(FieldError, match=r"got 'cubic', allowed are bilinear, nearest"):
+        ground.height(0.0, 0.0, "cubic")  # pyright: ignore[reportArgumentType]
