@@ -81,14 +81,11 @@ def log_of_bag(path: Path, wanted: BagTopics) -> RawLog:
     """
     reader = reader_of(path)
     try:
-        with_type = {wanted.imu: IMU, wanted.joints: JOINTS}
-        contacts = wanted.contacts
-        for topic in (*with_type, *((contacts.topic,) if contacts else ())):
-            _check_topic(reader, path, topic, with_type.get(topic, ""))
+        contacts = (wanted.contacts.topic,) if wanted.contacts else ()
+        for topic, kind in ((wanted.imu, IMU), (wanted.joints, JOINTS), *((topic, "") for topic in contacts)):
+            _check_topic(reader, path, topic, kind)
         found = _Collected(wanted)
-        for topic, arrival, message in bag_messages(
-            reader, path, {*with_type, *((contacts.topic,) if contacts else ())}
-        ):
+        for topic, arrival, message in bag_messages(reader, path, {wanted.imu, wanted.joints, *contacts}):
             found.take(topic, arrival, message)
     finally:
         reader.close()

@@ -77,7 +77,7 @@ def _estimated(
     opened: "Opened", name: str, out: Path | None, csv: bool, smooth: bool, progress: Progress
 ) -> tuple[dict[str, Any], "Score | None"]:
     """Run an estimator and write its files to `out`, all of them or none; return the report and the score."""
-    from .results import SUMMARY, Scratch, plain
+    from .results import SUMMARY, Scratch, plain, written
     from .results import estimate as run
 
     if out is not None:
@@ -91,8 +91,11 @@ def _estimated(
             report["alignment"] = plain(opened.alignment.report())
         if out is not None:
             (folder / SUMMARY).write_text(dumps(report, indent=1, allow_nan=False) + "\n")
+            before = written(out)
             for path in files:
                 (folder / path.name).replace(path)
+            for name in before - {path.name for path in files}:  # of another log, perhaps: `estimate.tum` is not its
+                (out / name).unlink(missing_ok=True)
     return report, result.score
 
 

@@ -1,5 +1,6 @@
 """Results of an estimator over a log of any length: estimates written to files piece by piece, and a summary."""
 
+import json
 import math
 import shutil
 import tempfile
@@ -27,6 +28,8 @@ Array = NDArray[Any]
 
 ROWS_EACH = 50_000
 SUMMARY = "summary.json"
+MADE = {"estimates.npz", "estimates.svg", "estimate.tum", "truth.tum", "estimates.csv", SUMMARY}
+"""Names of all files that an estimate may write into its folder."""
 """Name of the file that holds the report of a run beside its estimates."""
 SCORED_ROWS = 2_000_000  # logs with truth that are longer are scored on their first rows
 NIS_BAND = (0.22, 9.35)  # 95 % of chi^2 with 3 degrees of freedom
@@ -223,6 +226,15 @@ def write_tum(result: Result, out: Path) -> list[Path]:
 
 def _write_rows(file: TextIO, stamp_ns: Array, position: Array, quats: Array) -> None:
     np.savetxt(file, np.column_stack([1e-9 * stamp_ns, position, quats]), fmt="%.9f")
+
+
+def written(folder: Path) -> set[str]:
+    """Return the names of the files that an earlier estimate wrote into a folder, by its summary; empty = none."""
+    try:
+        listed = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["files"]
+        return MADE & {Path(name).name for name in listed}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
 
 
 class Scratch:

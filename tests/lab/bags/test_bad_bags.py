@@ -38,6 +38,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_near_names_of_topics_and_joints_are_suggested(good: Path) -> None:
     assert "'/imu/data'" in refusal(good, replace(TOPICS, imu="/imu/dat"))
     assert "/joint_states" in refusal(good, replace(TOPICS, joints="/imu/data"))
+    assert "/imu/data" in refusal(good, replace(TOPICS, imu="/joint_states"))  # one topic for both
     wrong = tuple(name.replace("hip", "hipp") for name in NAMES)
     assert "did you mean" in refusal(good, replace(TOPICS, joint_names=wrong))
 

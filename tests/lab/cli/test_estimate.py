@@ -51,6 +51,19 @@ def test_json_and_files(answer, log, tmp_path):
     assert abs(estimate[-1, 1] - estimate[0, 1] - truth[-1, 1] + truth[0, 1]) < 0.05
 
 
+def test_what_an_earlier_estimate_wrote_does_not_stay_beside_a_new_one(answer, log, tmp_path, undrawn):
+    answer("estimate", log, "-o", tmp_path, "--csv")
+    (tmp_path / "mine.txt").write_text("kept")
+    assert (tmp_path / "estimates.csv").exists()
+    answer("estimate", log, "-o", tmp_path)
+    assert not (tmp_path / "estimates.csv").exists()
+    assert (tmp_path / "truth.tum").exists()
+    assert (tmp_path / "mine.txt").read_text() == "kept"
+    (tmp_path / "summary.json").write_text('{"files": ["../mine.txt", "mine.txt"]}')
+    answer("estimate", log, "-o", tmp_path)
+    assert (tmp_path / "mine.txt").read_text() == "kept"
+
+
 def test_a_smoothed_log_is_better_and_another_estimator_is_refused(answer, complaint, log, tmp_path, undrawn):
     both, ahead = (json.loads(answer("estimate", log, "--json", *more)) for more in (("--smooth", "-o", tmp_path), ()))
     assert both["smoothed"]
