@@ -39,7 +39,7 @@ LYING_DEG, LASTING_S = 60.0, 1.0
 time of lying, or without any contact, above which a note reports it, s."""
 
 
-class _Steps(NamedTuple):
+class FootSteps(NamedTuple):
     """Pairs of foot samples that are 0.15 s (`STEP_S`) apart, by which foot motion is compared with the IMU."""
 
     first: Ints  # (k,)
@@ -63,7 +63,7 @@ def check_kinematics(log: Log) -> tuple[str, ...]:
     log = replace(log, foot_position=np.where(np.isfinite(log.foot_position), log.foot_position, np.nan))
     _check_size(log)
     notes = _forces(log)
-    steps = _steps(log)
+    steps = steps_of(log)
     _check_rotations(log, steps)
     _check_order(log, steps)
     return (*notes, *_contradictions(log, steps), *_lying(log))
@@ -103,7 +103,8 @@ def _forces(log: Log) -> tuple[str, ...]:
     return ()
 
 
-def _steps(log: Log) -> _Steps:
+def steps_of(log: Log) -> FootSteps:
+    """Return the pairs of foot samples of a log that are 0.15 s (`STEP_S`) apart, with the turn of the IMU between."""
     seconds = 1e-9 * (log.foot_ns - log.stamp_ns[0])
     k = max(1, round(STEP_S / max(float(np.median(np.diff(seconds))), 1e-6)))
     first = np.arange(max(len(seconds) - k, 0))
@@ -113,10 +114,10 @@ def _steps(log: Log) -> _Steps:
     count = np.cumsum(np.vstack([np.zeros(log.feet_count), log.contact]), axis=0)
     closed = count[first + k + 1] - count[first]
     known = np.isfinite(log.foot_position[first] + log.foot_position[first + k]).all(axis=2)
-    return _Steps(first, first + k, turn, (closed == k + 1) & known, (closed == 0) & known)
+    return FootSteps(first, first + k, turn, (closed == k + 1) & known, (closed == 0) & known)
 
 
-def _check_rotations(log: Log, steps: _Steps) -> None:
+def _check_rotations(log: Log, steps: FootSteps) -> None:
     """Raise SurefootError if standing feet turn, and would stand better with their orientations transposed."""
     if steps.stands.sum() < ENOUGH or not np.isfinite(log.foot_rot).all():
         return
@@ -132,12 +133,12 @@ def _check_rotations(log: Log, steps: _Steps) -> None:
         raise SurefootError("invalid", f"{text}; wanted are rotations from foot to IMU axes", "foot_rotation")
 
 
-def _moves(log: Log, steps: _Steps) -> Array:
+def _moves(log: Log, steps: FootSteps) -> Array:
     """Return the feet's displacements relative to the IMU, (k, F, 3) m, in IMU axes of each pair's first sample."""
     return np.einsum("kij,kfj->kfi", steps.turn, log.foot_position[steps.last]) - log.foot_position[steps.first]
 
 
-def _check_order(log: Log, steps: _Steps) -> None:
+def _check_order(log: Log, steps: FootSteps) -> None:
     """Raise SurefootError if the order of the contacts differs from that of the feet, by the speed of the feet."""
     speed = np.linalg.norm(_moves(log, steps), axis=2)
     usual = np.nanmean(speed, axis=1, keepdims=True)
@@ -156,7 +157,7 @@ def _check_order(log: Log, steps: _Steps) -> None:
                 )  # fmt: skip
 
 
-def _contradictions(log: Log, steps: _Steps) -> tuple[str, ...]:
+def _contradictions(log: Log, steps: FootSteps) -> tuple[str, ...]:
     """Return a note on standing feet that move relative to each other."""
     apart: list[Array] = []
     position = log.foot_position

@@ -44,8 +44,9 @@ BAD_MEMORY_NS = 100_000_000  # time for which a refused input spoils `inputs_ok`
 LIGHT_FOR_NS = 300_000_000  # time without weight that shows a fall, or another unit; a leap lasts 0.2 s
 STEADY_ROWS = 30  # equal joint angles in a row, 1 s, that are a fault while the robot moves by the gyro
 NO_WEIGHT = 3.0  # m/s^2, a shorter specific force is that of a fall, or in another unit
-MEAN_WEIGHT = 0.02  # of a sample in the mean of the accelerometer
-UNIT_ROWS = 100  # samples before its mean is checked
+MEAN_NS = 500_000_000  # in which the mean of the accelerometer follows: longer than a hop
+MEAN_WEIGHT = 0.02  # at most, of a sample in that mean
+UNIT_ROWS = 100  # samples before it is checked
 GRAVITIES = (0.5, 2.0)  # m/s^2, a mean between these is gravity in g: no robot falls for so long
 FORGET = 0.995  # of the comparison with the feet, per sample
 WHOLE_TURN = 2.0 * math.pi  # rad of turning by the gyro, without the feet turning: no robot that falls does so
@@ -195,11 +196,12 @@ def _order(check: CheckState, source: int, stamp_ns: int) -> int:
 
 
 @kernel
-def _wrong_unit(check: CheckState, stamp_ns: int, w: Array, q: Array) -> bool:
+def _wrong_unit(check: CheckState, limits: CheckLimits, stamp_ns: int, w: Array, q: Array) -> bool:
     """Update the means by a sample, in place; return True if the unit or the sign of a sensor is wrong.
 
     Args:
         check: the means, and what they have shown; changed.
+        limits: of the inputs, with the usual step of the inertial samples.
         stamp_ns: stamp of the sample, ns.
         w: gyro, IMU axes, (3,) rad/s if its unit is right.
         q: accelerometer, IMU axes, (3,) m/s^2 if its unit is right.
@@ -212,7 +214,7 @@ def _wrong_unit(check: CheckState, stamp_ns: int, w: Array, q: Array) -> bool:
     if d > 0 or d < -LONGEST_TURN_NS:  # samples that are a little late leave the turn as it is
         marks[TURN_NS] = stamp_ns
     marks[ROWS] += 1
-    weight, square = max(MEAN_WEIGHT, 1.0 / marks[ROWS]), 0.0
+    weight, square = max(min(MEAN_WEIGHT, limits.period_ns / MEAN_NS), 1.0 / marks[ROWS]), 0.0
     for i in range(3):
         numbers[MEAN_Q + i] += weight * (q[i] - numbers[MEAN_Q + i])
         square += numbers[MEAN_Q + i] ** 2
@@ -251,7 +253,7 @@ def check_imu(check: CheckState, limits: CheckLimits, stamp_ns: int, w: Array, q
         return count_result(check, IMU, NONFINITE, stamp_ns)
     if peak_w >= limits.max_gyro or peak_q >= limits.max_acc:
         return count_result(check, IMU, SATURATED, stamp_ns)
-    if _wrong_unit(check, stamp_ns, w, q):
+    if _wrong_unit(check, limits, stamp_ns, w, q):
         return count_result(check, IMU, UNIT, stamp_ns)
     known, before = check.clocks[IMU, KNOWN], check.clocks[IMU, NEWEST]
     code = _order(check, IMU, stamp_ns)
