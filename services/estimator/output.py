@@ -10,6 +10,9 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times_vector
 from surefoot.kernels.jit import kernel
 
+FASTEST, FASTEST_PAPER = 9.0, 3.0
+"""Speeds, m/s, from which on an estimate is out of bounds: by `best`, and by Wawrzynski et al., who walk at 0.3 m/s."""
+
 
 class VelocityAndTilt(NamedTuple):
     """Velocity and gravity direction by one estimator at one stamp, with biases, flags and reasons; L feet.
@@ -101,13 +104,14 @@ def express(g: Array, v: Array, w: Array, rot_base_from_imu: Array, imu_position
 
 
 @kernel
-def healthy(g: Array, v: Array, p: Array) -> bool:
-    """Return True for finite values, positive variances, a length of g within 1 m/s^2 of 9.81 and a speed below 9 m/s.
+def healthy(g: Array, v: Array, p: Array, fastest: float) -> bool:
+    """Return True for finite values, positive variances, a length of g within 1 m/s^2 of 9.81 and a possible speed.
 
     Args:
         g: specific force at rest, IMU axes, (3,) m/s^2.
         v: velocity of the IMU, IMU axes, (3,) m/s.
         p: covariance of (g, v), (6, 6) or larger.
+        fastest: speed that is not possible, m/s.
     """
     length, speed = 0.0, 0.0
     for i in range(3):
@@ -118,7 +122,7 @@ def healthy(g: Array, v: Array, p: Array) -> bool:
     for i in range(p.shape[0]):
         if not (math.isfinite(p[i, i]) and p[i, i] > 0.0):
             return False
-    return abs(math.sqrt(length) - GRAVITY) < 1.0 and speed < 9.0
+    return abs(math.sqrt(length) - GRAVITY) < 1.0 and speed < fastest * fastest
 
 
 @kernel
@@ -142,4 +146,4 @@ def summary(
     rate = np.empty(3)
     for i in range(3):
         rate[i] = w[i] - gyro_bias[i]
-    return express(g, v, rate, rot_base_from_imu, imu_position), healthy(g, v, p)
+    return express(g, v, rate, rot_base_from_imu, imu_position), healthy(g, v, p, FASTEST_PAPER)

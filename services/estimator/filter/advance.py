@@ -18,12 +18,13 @@ from .heading import keep_heading, learn_parting, take_back
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
 from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, S, X
 from .level import stand_on_levels
-from .monitor import believed, judge_noise, watch_sensors
+from .monitor import believed, carried, judge_noise, watch_sensors
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .point import lift, retract
 from .pose import grow_pose
-from .rest import learn_end_of_rest, learn_gyro_bias
+from .rest import learn_end_of_rest, learn_gyro_bias, turns
 from .samples import ROW_Q, ROW_W, SampleStore, after
+from .speed import limit_speed
 from .start import rests, start_at_rest, start_moving
 from .state import BestState, Felt, felt_variance, forget_levels, forget_velocity, predict, rotation
 from .tilt import check_rest, check_start, check_tilt
@@ -271,31 +272,6 @@ def _predict(
 
 
 @kernel
-def _speed(x: Array, memory: Array) -> float:
-    """Return an upper bound of the published speed, m/s, from x (21 + 3 K,) and memory (112,) of `BestState`."""
-    v, lag = 0.0, 0.0
-    for i in range(3):
-        v += x[X.vel + i] ** 2
-        lag += memory[M.lag + i] ** 2
-    return math.sqrt(v) + math.sqrt(lag)
-
-
-@inner_kernel
-def _limit_speed(state: BestState, foot: NDArray[np.int64], most: float) -> None:
-    """Forget velocity and hypotheses if the speed exceeds `most` m/s, which no robot reaches, in place.
-
-    `foot`: index of the foot of each contact point, (K,).
-    """
-    fastest = _speed(state.x, state.memory) if likeliest(state) < 0 else 0.0
-    for h in range(state.weight.size):
-        if state.weight[h] > 0.0:
-            fastest = max(fastest, _speed(state.mode_x[h], state.mode_memory[h]))
-    if fastest > most:
-        collapse(state, foot)
-        forget_velocity(state, UNKNOWN_SPEED)
-
-
-@kernel
 def _step(state: BestState, samples: SampleStore, at: int, next_foot: int, setting: BestSetting) -> int:
     """Predict the state to inertial row `at`, and correct it with the samples of the feet up to its stamp, in place.
 
@@ -351,7 +327,7 @@ def _rest_or_start(state: BestState, samples: SampleStore, at: int, next_foot: i
     As long as the filter has not started, the feet (rows from `next_foot` on) up to the row are left out.
     """
     memory, limits, feet_stamps = state.memory, setting.limits, samples.feet_stamps
-    resting = rests(samples, at, limits)
+    resting = rests(samples, at, limits) and not (carried(memory) and turns(state, samples, at, limits))
     if not resting and memory[M.phase] == STARTED:
         learn_end_of_rest(state, samples.imu, at, setting.noise, limits)
     if memory[M.phase] == STARTED and memory[M.rest] > 0.0 and memory[M.excess] <= 1.0:
@@ -395,6 +371,6 @@ def advance(state: BestState, samples: SampleStore, begin: int, setting: BestSet
             next_foot = _step(state, samples, at, next_foot, setting)
             if samples.external_stamps.size > 0 and settled(state):
                 take_external(state, samples, at, setting)
-        _limit_speed(state, foot, setting.limits.max_speed)
+        limit_speed(state, foot, setting.limits.max_speed)
         next_foot = _rest_or_start(state, samples, at, next_foot, setting)
     publish_mean(state, foot)

@@ -151,7 +151,7 @@ class HeightLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (112,)."""
+    """First index of each part of `BestState.memory`, (113,)."""
 
     excess: int = 0
     """Index: excess, the factor of the inertial noise over that of the sensor, at least 1."""
@@ -249,13 +249,16 @@ class MemoryLayout(NamedTuple):
     levels: int = 80
     """Index: known levels of the ground, four numbers each: height, m, its variance, m^2, number of steps on it, `age`
     at the last, s."""
+    carried: int = 112
+    """Index: angle, rad, by which the robot has turned with still legs since all its switches opened, less that by
+    which it turned with legs that moved."""
 
 
 LEVEL, LEVELS = 4, 8
 """`LEVEL`: number of values stored for a ground level; `LEVELS`: largest number of levels that are stored."""
 X, E, P, S, L = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), DelayLayout()
 H, M = HeightLayout(), MemoryLayout()
-POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.levels + LEVEL * LEVELS
+POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.carried + 1
 HEIGHTS = H.lasts + 1
 """`POINT_COLUMNS`, `SENSOR_COLUMNS`: number of columns of `BestState.points` and `BestState.sensors`; `MEMORY`: length
 of `BestState.memory`; `HEIGHTS`: length of its part `heights`."""

@@ -106,7 +106,7 @@ def _landed(points: Array, foot: Feet, f: int) -> bool:
 def _slope(memory: Array) -> float:
     """Return the slope of the ground, rad, by feet that stood at the same time; 0 before any did.
 
-    `memory`: `BestState.memory`, (112,), which holds the sums of a plane fit through pairs of feet.
+    `memory`: `BestState.memory`, (113,), which holds the sums of a plane fit through pairs of feet.
     """
     s, guess = M.slope, (FIXED.step_sd / FIXED.slope_sd) ** 2
     a, b, c = memory[s] + guess, memory[s + 1], memory[s + 2] + guess
@@ -119,7 +119,7 @@ def _slope(memory: Array) -> float:
 def _step_noise(memory: Array) -> float:
     """Return the variance, m^2, of the height at which one step lands on a level of the ground.
 
-    It is (n_0 + u^2)^2/n_0, n_0 the variance on flat ground and u^2 the unevenness in `BestState.memory` (112,).
+    It is (n_0 + u^2)^2/n_0, n_0 the variance on flat ground and u^2 the unevenness in `BestState.memory` (113,).
     """
     return float((FIXED.step_sd**2 + memory[M.uneven]) ** 2 / FIXED.step_sd**2)
 
@@ -234,7 +234,7 @@ def _stand_even(state: BestState, geometry: BestGeometry, f: int, other: int, no
 
 @kernel
 def _nearest(memory: Array, z: float) -> int:
-    """Return the index of the level in `BestState.memory` (112,) nearest to height z, m, in odom; -1: none known."""
+    """Return the index of the level in `BestState.memory` (113,) nearest to height z, m, in odom; -1: none known."""
     best = -1
     for j in range(LEVELS):
         at = M.levels + LEVEL * j
@@ -247,7 +247,7 @@ def _nearest(memory: Array, z: float) -> int:
 def _new_level(memory: Array, z: float, variance: float) -> int:
     """Store a level of height z m and its variance, m^2, over the one not stood on for longest; return its index.
 
-    `memory`: `BestState.memory`, (112,); changed.
+    `memory`: `BestState.memory`, (113,); changed.
     """
     oldest = 0
     for j in range(LEVELS):

@@ -40,6 +40,13 @@ from .switches import judge_heights, judge_switches, rewired
 
 Feet = NDArray[np.int64]
 
+STILL_SHARE = 0.25
+"""Share of the square of the way of a standing foot, as the gyro predicts it, below which the legs are still."""
+LEAST_TURN = 0.03
+"""Rate of turning, rad/s, below which no legs count as still: the gyro's bias may show it."""
+CARRIED_TURN = 0.1
+"""Turn with still legs and open switches, rad, above which a robot is carried: it never shows noise of encoders."""
+
 
 @kernel
 def _swung(rot: Array, turn: Array, y: Array, dt: float) -> Array:
@@ -80,7 +87,7 @@ def _learn_noise(memory: Array, seen: Array, dt: float) -> None:
     large and few, so that the logarithm is averaged: log |s| of a level s has the mean log sigma - 0.289.
 
     Args:
-        memory: `BestState.memory`, (112,); the sums of the logarithm and of the time are changed.
+        memory: `BestState.memory`, (113,); the sums of the logarithm and of the time are changed.
         seen: change of the trunk's velocity by the foot beyond that by the inertial unit, odom axes, (3,) m/s.
         dt: length of each step, s.
     """
@@ -107,6 +114,43 @@ def judge_noise(state: BestState, stated: float) -> None:
 
 
 @kernel
+def carried(memory: Array) -> bool:
+    """Return True if the robot has turned with still legs and open switches: it is carried, its switches are right.
+
+    Feet that stand move, seen from a trunk that turns. `memory`: `BestState.memory`, (113,).
+    """
+    return bool(memory[M.carried] > CARRIED_TURN)
+
+
+@kernel
+def _held_turn(sensors: Array, samples: SampleStore, row: int, before: int, turn: Array, dt: float) -> float:
+    """Return the angle, rad, by which a robot turned with still legs between two rows of the feet.
+
+    Below 0: with legs that moved; 0: it hardly turned.
+
+    Args:
+        sensors: numbers of the sensors of each foot, (L, 38), columns as in `SensorLayout`.
+        samples: stored samples.
+        row: index of the later row.
+        before: index of the earlier row.
+        turn: rotation against that of the IMU between them, IMU axes, (3,) rad.
+        dt: time between the rows, s.
+    """
+    angle, back = math.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2), turn_matrix(turn)
+    if angle < LEAST_TURN * dt:
+        return 0.0
+    moved, swung, along, count = 0.0, 0.0, 0.0, samples.feet.shape[1]
+    for f in range(count):
+        was = samples.feet[before, int(sensors[f, S.compared])]
+        old = turned(back, was)
+        for i in range(3):
+            now, then = samples.feet[row, int(sensors[f, S.source]), i] - was[i], old[i] - was[i]
+            moved, swung, along = moved + now * now, swung + then * then, along + now * then
+    still = along < 0.5 * swung and moved < STILL_SHARE * swung + count * (FIXED.unsure_speed * dt) ** 2
+    return angle if still else -angle
+
+
+@kernel
 def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int, before: int, contact: Array) -> None:
     """Compare each switch with the motion of its foot from row `before` of the feet to `row`, in place.
 
@@ -114,9 +158,8 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
     `contact`: probability that each foot touches the ground, (L,).
     """
     x, sensors, stamps = likely.x, state.sensors, samples.imu_stamps
-    first, end = after(stamps, samples.feet_stamps[before]), after(stamps, samples.feet_stamps[row] - 1) + 1
-    end = min(end, stamps.size)
-    dt = 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[before])
+    first, last = after(stamps, samples.feet_stamps[before]), after(stamps, samples.feet_stamps[row] - 1)
+    end, dt = min(last + 1, stamps.size), 1e-9 * (samples.feet_stamps[row] - samples.feet_stamps[before])
     if first >= end or dt > FIXED.longest_compared:
         sensors[:, S.trunk : S.trunk + 3] = math.nan
         sensors[:, S.firm] = sensors[:, S.delay + L.stood] = 0.0
@@ -153,7 +196,6 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
                 sensors[f, S.strange + i] += seen[i]
             size[f] += (1.0 if i == 2 else FIXED.level_share) * sensors[f, S.strange + i] ** 2
         size[f] = 0.5 * math.log(size[f])
-        fault = max(sensors[f, S.jump], sensors[f, S.still])
         if unknown(samples.feet, row, source):
             sensors[f, S.trunk] = math.nan
         sensors[f, S.firm] = sensors[f, S.firm] + 1.0 if contact[f] >= 0.5 else 0.0
@@ -163,8 +205,11 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             learn_delay(sensors[f], trunk, gained, _swung(rot, w, samples.feet[row, source], dt), dt, share)
         else:
             lift_delay(sensors[f], share)
-        if fault > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
+        if max(sensors[f, S.jump], sensors[f, S.still]) > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan
+    hangs = bool(np.max(contact) < 0.5) and not flies  # NaN: not known
+    held = _held_turn(sensors, samples, row, before, w, dt) if hangs else -math.inf
+    state.memory[M.carried] = max(0.0, state.memory[M.carried] + held)
     judge_switches(sensors, size, contact, dt, flies, state.memory[M.aloft] > 0.5 * FIXED.longest_aloft)
 
 
@@ -175,7 +220,7 @@ def _weigh(memory: Array, sensors: Array, contact: Array, foot: Feet, dt: float)
     A robot that flies shows no weight. One that stands or is carried does. A switch that is known to hang explains it.
 
     Args:
-        memory: `BestState.memory`, (112,); changed.
+        memory: `BestState.memory`, (113,); changed.
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`.
         contact: probability that each contact point touches the ground, (K,); NaN counts as touching.
         foot: index of the foot of each point, (K,).
@@ -280,6 +325,8 @@ def watch_sensors(state: BestState, samples: SampleStore, row: int, foot: Feet, 
         memory[M.watched] = 0.0
         if settled:
             _compare(state, likely, samples, row, before, contact)
+            if carried(memory):  # its switches are right
+                sensors[:, S.against] = sensors[:, S.switch] = 0.0
         sensors[:, S.compared] = sensors[:, S.source]
 
 
@@ -288,8 +335,8 @@ def believed(state: BestState, samples: SampleStore, row: int, foot: Feet) -> Ar
     """Return the probability of contact of each point (K,) in a row of the feet, as the checks of the sensors leave it.
 
     NaN (unknown): the switch of the foot is wrong, or all switches have been open for too long while the robot shows
-    its weight. 0 (left out): the encoders of the foot stand still, its samples do not fit, or (of more than two feet)
-    they have jumped. A wrong switch explains why samples do not fit.
+    its weight, and it is not carried. 0 (left out): the encoders of the foot stand still, its samples do not fit, or
+    (of more than two feet) they have jumped. A wrong switch explains why samples do not fit.
 
     Args:
         state: state of the filter; the mistrust in each point, 0 to 1, from which this follows, is changed.
@@ -317,4 +364,6 @@ def believed(state: BestState, samples: SampleStore, row: int, foot: Feet) -> Ar
         state.points[k, P.mistrust] = mistrust
         for h in range(state.weight.size):
             state.mode_points[h, k, P.mistrust] = mistrust
+    if carried(state.memory):
+        contact[:] = 0.0
     return contact

@@ -6,10 +6,30 @@ from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 
 from .layout import E, M, X
+from .monitor import LEAST_TURN
 from .noise import BestLimits, BestNoise
 from .point import retract
-from .samples import ROW_W
+from .samples import ROW_W, SampleStore
 from .state import BestState, rotation
+
+
+@kernel
+def turns(state: BestState, samples: SampleStore, at: int, limits: BestLimits) -> bool:
+    """Return True if the robot turns evenly in the window of a rest that ends at inertial row `at`.
+
+    Args:
+        state: state of the filter, with the bias of the gyro.
+        samples: stored samples.
+        at: last row of the window.
+        limits: limits of a rest, with its number of samples.
+    """
+    square = 0.0
+    for i in range(3):
+        rate = -state.x[X.gyro_bias + i]
+        for r in range(at + 1 - limits.samples, at + 1):
+            rate += samples.imu[r, ROW_W + i] / limits.samples
+        square += rate * rate
+    return square > LEAST_TURN**2
 
 
 @kernel

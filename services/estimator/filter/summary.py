@@ -14,7 +14,7 @@ from surefoot.kernels.jit import kernel
 from ..feet.contact import BestGeometry
 from ..health import Condition, LegSensors
 from ..inputs.check import LATE_FEET_NS, faults_at
-from ..output import healthy
+from ..output import FASTEST, healthy
 from .advance import settled
 from .intake import CONTACT_NS, FEET_NS, NOW_NS, FilterParts
 from .layout import M, P, S, X
@@ -200,7 +200,7 @@ def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array
     since_contact_s = 1e-9 * (now - stamps[CONTACT_NS])
     return Condition(
         vectors[SETTLED] > 0.0, vectors[RESTING] > 0.0,
-        healthy(vectors[R.g], vectors[R.v], covariance), vectors[NIS],
+        healthy(vectors[R.g], vectors[R.v], covariance, FASTEST), vectors[NIS],
         slipping, vectors[EXCESS], faults_at(parts.check, parts.check_limits, parts.noisy, now),
         1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s, legs,
         legs.left_out | legs.still == (1 << parts.check.feet.shape[0]) - 1,
