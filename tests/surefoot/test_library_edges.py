@@ -9,7 +9,6 @@ import pytest
 import surefoot
 from surefoot.errors import FieldError
 
-
 WALLS = {
     "a line": ([(-0.4, 0.0, 0.0), (0.4, 0.0, 0.0)], [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]),
     "a half-plane": (
