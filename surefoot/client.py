@@ -77,6 +77,8 @@ class Client:
     def __init__(self, bus: ZenohBus) -> None:
         self.bus = bus
         self._closed = False
+        self.waiting: set[Callable[[], None]] = set()
+        """Functions, called by `close`, that end the waits for messages."""
         self.refused: Counter[str] = Counter()
         """Number of messages left out because they were not valid for their topic, by key."""
 
@@ -87,8 +89,10 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Close the connection to the system; running subscriptions end."""
+        """Close the connection to the system; running subscriptions end, and so do waits for messages."""
         self._closed = True
+        for end in tuple(self.waiting):
+            end()
         self.bus.close()
 
     def call(self, query: Query[Any, Any] | str, timeout_s: float | None = None, **fields: Any) -> Any:
@@ -165,14 +169,20 @@ class Client:
         return self._messages(row, limit)
 
     def _messages(self, topic: Topic[M], timeout_s: float | None) -> Iterator[M]:
-        queue: SimpleQueue[M] = SimpleQueue()
+        queue: SimpleQueue[M | None] = SimpleQueue()
+
+        def close() -> None:
+            queue.put(None)
+
         end = self.subscribe(topic, queue.put)
+        self.waiting.add(close)
         try:
-            while True:
-                yield queue.get(timeout=timeout_s)
+            while not self._closed and (message := queue.get(timeout=timeout_s)) is not None:
+                yield message
         except Empty:
             return
         finally:
+            self.waiting.discard(close)
             end()
 
     def latest(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> M:
@@ -185,11 +195,12 @@ class Client:
         Raises:
             SurefootError: no such topic, or an invalid wait.
             CallError: no message comes in time; the text names the reason if time is paused.
-            BusError: the client is closed.
+            BusError: the client is closed, before or while it waits.
         """
         topic = _topic(topic)
         for message in self.messages(topic, timeout_s):
             return message
+        self._open()
         why = self.standing_still()
         reason = f": {why}" if why else self._others()
         raise CallError("timeout", f"no message on {topic.key!r} within {timeout_s:g} s{reason}")

@@ -36,19 +36,24 @@ class AsyncClient:
         return self._messages(topic, timeout_s)
 
     async def _messages(self, topic: Topic[M] | str, timeout_s: float | None) -> AsyncIterator[M]:
-        loop, queue = asyncio.get_running_loop(), asyncio.Queue[M]()
+        loop, queue = asyncio.get_running_loop(), asyncio.Queue[M | None]()
 
-        def take(message: M) -> None:
+        def take(message: M | None) -> None:
             with suppress(RuntimeError):  # the loop is closed
                 loop.call_soon_threadsafe(queue.put_nowait, message)
 
+        def close() -> None:
+            take(None)
+
         end = self.client.subscribe(topic, take)
+        self.client.waiting.add(close)
         try:
-            while True:
-                yield await asyncio.wait_for(queue.get(), timeout_s)
+            while (message := await asyncio.wait_for(queue.get(), timeout_s)) is not None:
+                yield message
         except TimeoutError:
             return
         finally:
+            self.client.waiting.discard(close)
             end()
 
     async def latest(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> M:

@@ -171,3 +171,46 @@ def test_an_unknown_robot_is_reported_with_those_that_run(net: Net) -> None:
             tool.call("stability/region", contacts=[])
         with expect_error(CallError, "timeout", text=f"; running here: {net.namespace} "):
             tool.latest(STATE_VELOCITY, 0.01)
+
+
+@pytest.mark.parametrize("wait", ["messages", "latest"])
+def test_closing_a_client_ends_what_waits_without_a_limit(net: Net, wait: str) -> None:
+    net.open()
+    fleet, _, robot = net.namespace.partition("/")
+    tool, ended, errors = connect(robot, net.address, fleet), threading.Event(), list[SurefootError]()
+
+    def read() -> None:
+        try:
+            found = tool.latest(STATE_VELOCITY, None) if wait == "latest" else list(tool.messages(STATE_VELOCITY, None))
+            assert found == []
+        except SurefootError as error:
+            errors.append(error)
+        ended.set()
+
+    threading.Thread(target=read, daemon=True).start()
+    while not tool.waiting:
+        assert not ended.is_set()
+    tool.close()
+    assert ended.wait(WAIT_S)
+    assert [error.code for error in errors] == (["closed"] if wait == "latest" else [])
+    assert not tool.waiting
+
+
+def test_a_program_that_gave_up_a_wait_without_a_limit_ends(net: Net) -> None:
+    net.open()
+    fleet, _, robot = net.namespace.partition("/")
+
+    async def program() -> list[VelocityEstimate]:
+        async with AsyncClient(connect(robot, net.address, fleet)) as tool:
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(tool.latest(STATE_VELOCITY, None), 0.05)
+            reader = asyncio.ensure_future(_all(tool))
+            while len(tool.client.waiting) < 2:
+                await asyncio.sleep(0)
+        return await reader
+
+    assert asyncio.run(asyncio.wait_for(program(), WAIT_S)) == []
+
+
+async def _all(tool: AsyncClient) -> list[VelocityEstimate]:
+    return [message async for message in tool.messages(STATE_VELOCITY, None)]
