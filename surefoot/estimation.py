@@ -185,7 +185,7 @@ def run(
             raise FieldError(
                 "unknown_key", key, f"got {shown(sensors[key])}, known are fields of EstimatorParams: sigma_w ..."
             )
-    known: dict[str, Any] = {name: number(value, name) for name, value in sensors.items()}
+    known: dict[str, Any] = {name: number(value, name, low=0.0) for name, value in sensors.items()}
     opened = open_log(file_path(log, "log"), robot, **known)
     with TemporaryDirectory() as folder:
         return estimate(opened.log, name, Path(folder), smooth)

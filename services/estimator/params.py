@@ -55,7 +55,7 @@ class EstimatorParams:
     # limits of inputs
     max_gyro: float = math.radians(1000.0)  # rad/s
     max_acc: float = 5.0 * GRAVITY  # m/s^2
-    max_speed: float = 2.0  # m/s; `best` takes a faster estimate for an error and begins anew
+    max_speed: float = 2.0  # m/s; `best` takes a faster estimate that the feet do not show for an error, begins anew
     gap_periods: float = 5.0  # a longer IMU gap is counted and widens the covariance
     reset_gap_ns: int = 500_000_000  # a longer one makes the velocity unknown
     # start, equation (1)

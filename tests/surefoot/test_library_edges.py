@@ -76,3 +76,9 @@ def test_an_unknown_interpolation_is_refused() -> None:
     ground = surefoot.terrain.HeightMap(np.eye(2, dtype=np.float32), 0.1, (0.0, 0.0))
     with pytest.raises(FieldError, match=r"got 'cubic', allowed are bilinear, nearest"):
         ground.height(0.0, 0.0, "cubic")  # pyright: ignore[reportArgumentType]
+
+
+def test_a_noise_below_zero_is_refused_before_the_log_is_read() -> None:
+    with pytest.raises(FieldError, match=r"sigma_w.*-1.*0") as caught:
+        surefoot.estimation.run("nothing.npz", sigma_w=-1.0)
+    assert caught.value.field == "sigma_w"
