@@ -57,7 +57,7 @@ def joints(robot: Robot, feet: ArrayLike) -> Array:
         leg = int((~reached).argmax())
         text = f"got {wanted[leg].tolist()} m, out of reach of leg {robot.leg_names[leg]} within its joint limits"
         raise FieldError("range", f"feet.{leg}", text)
-    missed = np.linalg.norm(kinematics.foot_positions(robot.model, q) - wanted, axis=1)
+    missed = np.sqrt(((kinematics.foot_positions(robot.model, q) - wanted) ** 2).sum(axis=1))
     if missed.max() > MISSED_M:  # a motor that moves two legs, as the Nao's hips
         leg = int(missed.argmax())
         text = f"got {wanted[leg].tolist()} m, which leg {robot.leg_names[leg]} misses by {missed[leg]:.3g} m"
