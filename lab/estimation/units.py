@@ -99,9 +99,10 @@ def _check_gyro(log: Log, good: NDArray[np.bool_]) -> None:
     alike = float(np.sum(turn * moved) / math.sqrt(max(np.sum(turn**2) * np.sum(moved**2), 1e-300)))
     if size > ENOUGH * 180.0 / math.pi / 4.0 and abs(slope) < 0.1:
         raise SurefootError("invalid", f"{log.name}: gravity turns by {slope:.3f} of what gyro says: {degrees}", "gyro")
+    if size <= ENOUGH:
+        return
     by_feet = turned_by_feet(log)
-    other_way = by_feet < 0.0 if abs(by_feet) > LIKE else slope < -0.5 and alike < -LIKE_GRAVITY
-    if size > ENOUGH and other_way:
+    if by_feet < 0.0 if abs(by_feet) > LIKE else slope < -0.5 and alike < -LIKE_GRAVITY:
         raise SurefootError("invalid", f"{log.name}: gravity turns against gyro: multiply by -1", "gyro")
 
 

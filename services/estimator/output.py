@@ -11,7 +11,7 @@ from surefoot.geometry.linear_kernels import times_vector
 from surefoot.kernels.jit import kernel
 
 FASTEST, FASTEST_PAPER = 9.0, 3.0
-"""Speeds, m/s, from which on an estimate is out of bounds: by `best`, and by Wawrzynski et al., who walk at 0.3 m/s."""
+"""Speeds, m/s, from which on an estimate is out of bounds: one of `best`; one of the estimators of Wawrzynski et al."""
 
 
 class VelocityAndTilt(NamedTuple):

@@ -17,7 +17,7 @@ from typing import Any, Literal, Self, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.arguments import array, number, shown, whole
+from surefoot.arguments import array, choice, number, shown, whole
 from surefoot.errors import FieldError, InvalidField
 from surefoot.geometry import heightmap_cells as cells
 
@@ -145,10 +145,9 @@ class HeightMap:
             Array of the broadcast shape (zero-dimensional for scalars: `float()` it).
 
         Raises:
-            HeightMapError: another method.
+            FieldError: another method.
         """
-        if method not in get_args(Interpolation):
-            raise HeightMapError("method", f"got {method!r}, allowed are {', '.join(get_args(Interpolation))}")
+        choice(method, "method", get_args(Interpolation))
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
         out = np.empty(xs.shape, dtype=np.float64)
         cells.heights(self.z, self.cell, *self.origin, xs.ravel(), ys.ravel(), method == "bilinear", out.reshape(-1))

@@ -74,7 +74,7 @@ def test_maps_whose_names_have_a_dot_do_not_overwrite_each_other(tmp_path: Path)
 
 def test_an_unknown_interpolation_is_refused() -> None:
     ground = surefoot.terrain.HeightMap(np.eye(2, dtype=np.float32), 0.1, (0.0, 0.0))
-    with pytest.raises(FieldError, match=r"got 'cubic', allowed are bilinear, nearest"):
+    with pytest.raises(FieldError, match=r"got 'cubic', known are bilinear, nearest"):
         ground.height(0.0, 0.0, "cubic")  # pyright: ignore[reportArgumentType]
 
 

@@ -42,10 +42,12 @@ Feet = NDArray[np.int64]
 
 STILL_SHARE = 0.25
 """Share of the square of the way of a standing foot, as the gyro predicts it, below which the legs are still."""
+FALL_S = 0.7
+"""Time, s, in which that angle is reached at the earliest: by then a fall with still legs is over."""
 LEAST_TURN = 0.03
 """Rate of turning, rad/s, below which no legs count as still: the gyro's bias may show it."""
 CARRIED_TURN = 0.1
-"""Turn with still legs and open switches, rad, above which a robot is carried: it never shows noise of encoders."""
+"""Angle turned with still legs and open switches, rad, from which on a robot counts as carried."""
 
 
 @kernel
@@ -124,7 +126,7 @@ def carried(memory: Array) -> bool:
 
 @kernel
 def _held_turn(sensors: Array, samples: SampleStore, row: int, before: int, turn: Array, dt: float) -> float:
-    """Return the angle, rad, by which a robot turned with still legs between two rows of the feet.
+    """Return the angle, rad, by which a robot turned with still legs between two rows of the feet, in a fall a part.
 
     Below 0: with legs that moved; 0: it hardly turned.
 
@@ -147,7 +149,7 @@ def _held_turn(sensors: Array, samples: SampleStore, row: int, before: int, turn
             now, then = samples.feet[row, int(sensors[f, S.source]), i] - was[i], old[i] - was[i]
             moved, swung, along = moved + now * now, swung + then * then, along + now * then
     still = along < 0.5 * swung and moved < STILL_SHARE * swung + count * (FIXED.unsure_speed * dt) ** 2
-    return angle if still else -angle
+    return min(angle, CARRIED_TURN / FALL_S * dt) if still else -angle
 
 
 @kernel
@@ -207,7 +209,7 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             lift_delay(sensors[f], share)
         if max(sensors[f, S.jump], sensors[f, S.still]) > FIXED.most_mistrust or math.isnan(sensors[f, S.trunk]):
             size[f] = math.nan
-    hangs = bool(np.max(contact) < 0.5) and not flies  # NaN: not known
+    hangs = bool(np.max(contact) < 0.5) and not flies and _below(rot, samples.feet[row])  # NaN: not known
     held = _held_turn(sensors, samples, row, before, w, dt) if hangs else -math.inf
     state.memory[M.carried] = max(0.0, state.memory[M.carried] + held)
     judge_switches(sensors, size, contact, dt, flies, state.memory[M.aloft] > 0.5 * FIXED.longest_aloft)

@@ -17,15 +17,17 @@ from .state import BestState, rotation
 def turns(state: BestState, samples: SampleStore, at: int, limits: BestLimits) -> bool:
     """Return True if the robot turns evenly in the window of a rest that ends at inertial row `at`.
 
+    The gyro is compared with its bias of the last rest: a fall faster than it can measure may spoil the present one.
+
     Args:
-        state: state of the filter, with the bias of the gyro.
+        state: state of the filter, with that bias.
         samples: stored samples.
         at: last row of the window.
         limits: limits of a rest, with its number of samples.
     """
     square = 0.0
     for i in range(3):
-        rate = -state.x[X.gyro_bias + i]
+        rate = -state.memory[M.own_bias + i]
         for r in range(at + 1 - limits.samples, at + 1):
             rate += samples.imu[r, ROW_W + i] / limits.samples
         square += rate * rate
