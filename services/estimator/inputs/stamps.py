@@ -37,6 +37,10 @@ LONGEST_NS = 150_000_000
 """Longest gap in which stepped stamps are sought, ns: feet of a walk are where they were one step later."""
 LEAST_LATE = 0.4
 """Fraction of a gap explained by late stamps above which the stamps have stepped and no sample was lost."""
+EVEN_ROWS = 40
+"""Number of steps before a gap that show how evenly the stamps come."""
+BEYOND_JITTER = 5.0
+"""Excess of a gap over the usual step, in mean distances of a step from it, below which stamps are only uneven."""
 
 
 @kernel
@@ -59,8 +63,20 @@ def late_by(stamps: Stamps, feet: Array) -> tuple[int, int]:
     for span_ns in SPANS_NS:
         row, late = _late_over(stamps, feet, span_ns)
         if late > 0:
-            return row, late
+            return (row, late) if _exceeds(stamps, row) else (0, 0)
     return 0, 0
+
+
+@kernel
+def _exceeds(stamps: Stamps, row: int) -> bool:
+    """Return True if the step to a row of rising stamps (n,), ns, is long beside the usual steps and their spread."""
+    first, spread = max(row - EVEN_ROWS, 0), 0.0
+    if row - first < 2:
+        return True
+    usual = (stamps[row - 1] - stamps[first]) / (row - 1 - first)
+    for i in range(first + 1, row):
+        spread += abs(stamps[i] - stamps[i - 1] - usual) / (row - 1 - first)
+    return stamps[row] - stamps[row - 1] - usual > BEYOND_JITTER * spread
 
 
 @kernel

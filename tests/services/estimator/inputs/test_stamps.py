@@ -38,3 +38,12 @@ def test_lost_samples_are_no_step(seed: int) -> None:
         at = rng.integers(30, 80)
         keep[at : at + rng.integers(2, 20)] = False
         assert found(1 + STEP_NS * np.flatnonzero(keep), swinging(rng)[keep]) == 0
+
+
+@pytest.mark.parametrize("jitter", [0.1, 0.2, 0.3])
+def test_stamps_that_come_unevenly_have_not_stepped(jitter: float) -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(40):
+        off = jitter * STEP_NS * rng.normal(0.0, 1.0, 120).clip(-2.0, 2.0)
+        stamps = np.maximum.accumulate(1 + STEP_NS * np.arange(120) + off.astype(np.int64)) + np.arange(120)
+        assert found(stamps, swinging(rng)) == 0
