@@ -69,6 +69,7 @@ class Condition(NamedTuple):
     blind: bool  # all feet are left out
     unsettled: bool = False  # the velocity was lost and feet are left out since: they may be right, and the tilt wrong
     external_out: int = 0  # samples from elsewhere in a row that were left out
+    sinks: float = 0.0  # speed at which feet sink while they stand, m/s; below 0: they rise
 
 
 def flags(c: Condition) -> tuple[bool, bool, bool]:
@@ -96,12 +97,14 @@ flags_of = kernel(flags)
 
 @kernel
 def is_quiet(c: Condition) -> bool:
-    """Return True if all flags are true, no foot slips, inertial noise is low and no external sample was left out.
+    """Return True if all flags are true, no foot slips, inertial noise is low and no external sample was left out,
+    and no feet sink.
 
     Silent inputs and wrong units of sensors are not considered.
     """
     inputs_ok, filter_ok, sensors_ok = flags_of(c)
-    return inputs_ok and filter_ok and sensors_ok and not c.slipping and c.excess < ROUGH_EXCESS and not c.external_out
+    even = not c.slipping and c.excess < ROUGH_EXCESS and c.sinks == 0.0
+    return inputs_ok and filter_ok and sensors_ok and even and not c.external_out
 
 
 def reasons(
@@ -154,6 +157,11 @@ def reasons(
         out.append(f"left out: {c.external_out} samples from elsewhere, which contradict the estimate")
     if c.slipping:
         out.append("slipping: foot " + ", ".join(str(i) for i in np.flatnonzero(slipping)))
+    if c.sinks != 0.0:
+        way = "sink" if c.sinks > 0.0 else "rise"
+        out.append(
+            f"feet {way} by {abs(100.0 * c.sinks):.1f} cm/s while they stand: soft ground, or legs of other lengths"
+        )
     if c.excess >= ROUGH_EXCESS:
         out.append(f"the inertial unit errs {c.excess:.0f} times as much as its sensor")
     return (*out, *STANDING) if c.standing else tuple(out)

@@ -19,7 +19,7 @@ from .filter.best import BestFilter, BestOutput, ExternalUse
 from .filter.hypotheses import modes_of
 from .filter.intake import NOW_NS
 from .filter.log import LogInputs, LogRows, new_rows
-from .filter.noise import best_limits, best_noise
+from .filter.setting import best_limits, best_noise
 from .health import NO_LEGS, STANDING, Condition, flags, reasons
 from .inputs.clock import bounded
 from .inputs.counters import InputCheck

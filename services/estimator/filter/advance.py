@@ -236,7 +236,7 @@ def _take_feet(state: BestState, samples: SampleStore, row: int, setting: BestSe
         if state.mode_memory[likeliest(state), M.losses] > losses:
             collapse(state, geometry.foot)
     if setting.limits.levels and settled(state):
-        stand_on_levels(state, geometry, dt)
+        stand_on_levels(state, geometry, dt, noise.lag_s)
     if state.memory[M.losses] > losses or state.memory[M.lost_for] > FIXED.lost_memory:
         check_tilt(state, setting, state.memory[M.losses] > losses)
     elif state.memory[M.woke] >= 0.0 and state.memory[M.age] - state.memory[M.woke] < FIXED.woken_s:

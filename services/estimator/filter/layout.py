@@ -151,7 +151,7 @@ class HeightLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (113,)."""
+    """First index of each part of `BestState.memory`, (119,)."""
 
     excess: int = 0
     """Index: excess, the factor of the inertial noise over that of the sensor, at least 1."""
@@ -252,13 +252,24 @@ class MemoryLayout(NamedTuple):
     carried: int = 112
     """Index: angle, rad, by which the robot has turned with still legs since all its switches opened, less that by
     which it turned with legs that moved."""
+    sunk: int = 113
+    """Index: decaying sums of the heights by which feet landed above the landing before, m, and of the times between,
+    s, (2,); the ratio is the speed at which feet sink."""
+    landed: int = 115
+    """Index: height of the ground in odom under the foot that landed last, m, as long as it stands."""
+    landed_at: int = 116
+    """Index: value of `age`, s, at that time; 0 before any has landed."""
+    landed_foot: int = 117
+    """Index: that foot's number + 1 while it stands, else 0."""
+    sinks: int = 118
+    """Index: speed at which feet sink, m/s; 0: they do not; below 0: they rise."""
 
 
 LEVEL, LEVELS = 4, 8
 """`LEVEL`: number of values stored for a ground level; `LEVELS`: largest number of levels that are stored."""
 X, E, P, S, L = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), DelayLayout()
 H, M = HeightLayout(), MemoryLayout()
-POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.carried + 1
+POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.sinks + 1
 HEIGHTS = H.lasts + 1
 """`POINT_COLUMNS`, `SENSOR_COLUMNS`: number of columns of `BestState.points` and `BestState.sensors`; `MEMORY`: length
 of `BestState.memory`; `HEIGHTS`: length of its part `heights`."""

@@ -29,7 +29,8 @@ from .hypotheses import likeliest, mode
 from .layout import LEVEL, LEVELS, E, M, P, X
 from .noise import FIXED
 from .point import retract
-from .state import BestState
+from .sink import learn_sinking
+from .state import BestState, rotation
 
 Feet = NDArray[np.int64]
 
@@ -106,7 +107,7 @@ def _landed(points: Array, foot: Feet, f: int) -> bool:
 def _slope(memory: Array) -> float:
     """Return the slope of the ground, rad, by feet that stood at the same time; 0 before any did.
 
-    `memory`: `BestState.memory`, (113,), which holds the sums of a plane fit through pairs of feet.
+    `memory`: `BestState.memory`, (119,), which holds the sums of a plane fit through pairs of feet.
     """
     s, guess = M.slope, (FIXED.step_sd / FIXED.slope_sd) ** 2
     a, b, c = memory[s] + guess, memory[s + 1], memory[s + 2] + guess
@@ -119,7 +120,7 @@ def _slope(memory: Array) -> float:
 def _step_noise(memory: Array) -> float:
     """Return the variance, m^2, of the height at which one step lands on a level of the ground.
 
-    It is (n_0 + u^2)^2/n_0, n_0 the variance on flat ground and u^2 the unevenness in `BestState.memory` (113,).
+    It is (n_0 + u^2)^2/n_0, n_0 the variance on flat ground and u^2 the unevenness in `BestState.memory` (119,).
     """
     return float((FIXED.step_sd**2 + memory[M.uneven]) ** 2 / FIXED.step_sd**2)
 
@@ -171,7 +172,9 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
 
 
 @kernel
-def _stand_on(state: BestState, geometry: BestGeometry, f: int, level: float, known: float, noise: float) -> None:
+def _stand_on(
+    state: BestState, geometry: BestGeometry, f: int, level: float, known: float, noise: float, lag_s: float
+) -> None:
     """Correct with foot f that stands on a known level of the ground, in place.
 
     Its height z of variance P has drifted since by z - h, of variance D = P - s, up to the variance n of a step:
@@ -185,22 +188,27 @@ def _stand_on(state: BestState, geometry: BestGeometry, f: int, level: float, kn
         level: height h of the level in odom, m.
         known: its variance s, m^2.
         noise: variance n of the height of a step, m^2.
+        lag_s: time constant with which the velocity learns what is taken off the height, s; infinite: it does not.
     """
-    cov = state.cov
-    n = cov.shape[0]
+    cov, height, n = state.cov, state.x[X.pos + 2], state.cov.shape[0]
     by, xi = np.empty(n), np.empty(n)
     z, variance = _height(state, geometry, f, by)
     drift = variance - known
     if drift <= 0.0:
         return
-    share = drift / (drift + noise)
+    share, sinks, gain = drift / (drift + noise), 1.0 if math.isfinite(lag_s) else 0.0, np.empty(n)
     for j in range(n):
-        gain = share * by[j] / variance
-        xi[j] = gain * (z - level)
+        gain[j] = share * by[j] / variance * (1.0 - sinks if E.rot <= j < E.rot + 3 else 1.0)
+        xi[j] = gain[j] * (z - level)
+    for j in range(n):
+        held = sinks * (by[j] - gain[j] * variance / share)  # 0 where the gain is that of Kalman
         for m in range(n):
-            cov[j, m] -= gain * by[m]
+            cov[j, m] -= gain[j] * by[m] + held * gain[m]
     cov[E.pos + 2, E.pos + 2] += share * known
     retract(state, xi)
+    rot = rotation(state.x)
+    for i in range(3):
+        state.memory[M.lag + i] += rot[2, i] * (state.x[X.pos + 2] - height) / lag_s
 
 
 @kernel
@@ -234,7 +242,7 @@ def _stand_even(state: BestState, geometry: BestGeometry, f: int, other: int, no
 
 @kernel
 def _nearest(memory: Array, z: float) -> int:
-    """Return the index of the level in `BestState.memory` (113,) nearest to height z, m, in odom; -1: none known."""
+    """Return the index of the level in `BestState.memory` (119,) nearest to height z, m, in odom; -1: none known."""
     best = -1
     for j in range(LEVELS):
         at = M.levels + LEVEL * j
@@ -247,7 +255,7 @@ def _nearest(memory: Array, z: float) -> int:
 def _new_level(memory: Array, z: float, variance: float) -> int:
     """Store a level of height z m and its variance, m^2, over the one not stood on for longest; return its index.
 
-    `memory`: `BestState.memory`, (113,); changed.
+    `memory`: `BestState.memory`, (119,); changed.
     """
     oldest = 0
     for j in range(LEVELS):
@@ -284,7 +292,7 @@ def _even_out(state: BestState, likely: BestState, geometry: BestGeometry, f: in
 
 
 @kernel
-def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None:
+def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float, lag_s: float) -> None:
     """Correct the height by a known level of the ground under each foot that has just come down, in place.
 
     A level is a height on which feet have stood before; a foot on none of them makes a new one.
@@ -293,10 +301,15 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None
         state: state of the filter after a sample of the feet; it, its hypotheses and the known levels are changed.
         geometry: contact points on the feet.
         dt: time since the last sample of the feet, s.
+        lag_s: time constant with which the velocity learns from corrections of the position, s.
     """
     memory, foot, at = state.memory, geometry.foot, likeliest(state)
     likely, by = state if at < 0 else mode(state, at), np.empty(state.cov.shape[0])
     _grow_old(state, dt)
+    if memory[M.landed_foot] > 0.0:
+        z, variance = _height(likely, geometry, int(memory[M.landed_foot]) - 1, by)
+        memory[M.landed] = z if variance > 0.0 else memory[M.landed]
+        memory[M.landed_foot] *= 1.0 if variance > 0.0 else 0.0
     if likely.memory[M.nis] > FIXED.outlier:  # the feet contradict each other or the inertial unit
         return
     last = -1
@@ -307,6 +320,8 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None
         last = f
         flat = _learn_ground(state, likely, geometry, f)
         z, variance = _height(likely, geometry, f, by)
+        learn_sinking(state, likely.x[X.vel : X.vel + 3], z, _slope(memory) if flat else math.inf)
+        sinks = memory[M.sinks] != 0.0
         found, noise = _nearest(memory, z), _step_noise(memory)
         level = M.levels + LEVEL * found
         if found < 0 or abs(z - memory[level]) > FIXED.same_level:
@@ -315,16 +330,19 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float) -> None
         elif flat:
             height, known = memory[level], memory[level + 1]
             drift = max(variance - known, 0.0)
-            if (z - height) ** 2 < FIXED.level_gate * (drift + noise):
+            if sinks or (z - height) ** 2 < FIXED.level_gate * (drift + noise):
                 if at < 0:
-                    _stand_on(state, geometry, f, height, known, noise)
+                    _stand_on(state, geometry, f, height, known, noise, lag_s if sinks else math.inf)
                 for h in range(state.weight.size):
                     if state.weight[h] > 0.0:
-                        _stand_on(mode(state, h), geometry, f, height, known, noise)
+                        _stand_on(mode(state, h), geometry, f, height, known, noise, lag_s if sinks else math.inf)
                 _even_out(state, likely, geometry, f, found + 1.0)
                 memory[level + 2] += 1.0
-                memory[level] += noise / (drift + noise) * (z - height) / memory[level + 2]
-        memory[level + 3] = memory[M.age]
+                if not sinks:
+                    memory[level] += noise / (drift + noise) * (z - height) / memory[level + 2]
+        memory[level + 3] = memory[M.landed_at] = memory[M.age]
+        memory[M.landed], _ = _height(likely, geometry, f, by)
+        memory[M.landed_foot] = f + 1.0
         for m in range(foot.size):
             if foot[m] == f:
                 state.points[m, P.level] = found + 1.0

@@ -89,7 +89,7 @@ def _learn_noise(memory: Array, seen: Array, dt: float) -> None:
     large and few, so that the logarithm is averaged: log |s| of a level s has the mean log sigma - 0.289.
 
     Args:
-        memory: `BestState.memory`, (113,); the sums of the logarithm and of the time are changed.
+        memory: `BestState.memory`, (119,); the sums of the logarithm and of the time are changed.
         seen: change of the trunk's velocity by the foot beyond that by the inertial unit, odom axes, (3,) m/s.
         dt: length of each step, s.
     """
@@ -119,7 +119,7 @@ def judge_noise(state: BestState, stated: float) -> None:
 def carried(memory: Array) -> bool:
     """Return True if the robot has turned with still legs and open switches: it is carried, its switches are right.
 
-    Feet that stand move, seen from a trunk that turns. `memory`: `BestState.memory`, (113,).
+    Feet that stand move, seen from a trunk that turns. `memory`: `BestState.memory`, (119,).
     """
     return bool(memory[M.carried] > CARRIED_TURN)
 
@@ -191,13 +191,16 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             seen[i] = trunk[i] - sensors[f, S.trunk + i] - gained[i]
             length += seen[i] ** 2
             sensors[f, S.trunk + i] = trunk[i]
-        size[f] = FIXED.unsure_speed**2
+        level = upward = 0.0
         for i in range(3):
             sensors[f, S.strange + i] *= fade
             if length < FIXED.most_strange**2:
                 sensors[f, S.strange + i] += seen[i]
-            size[f] += (1.0 if i == 2 else FIXED.level_share) * sensors[f, S.strange + i] ** 2
-        size[f] = 0.5 * math.log(size[f])
+            if i < 2:
+                level += FIXED.level_share * sensors[f, S.strange + i] ** 2
+            else:
+                upward = FIXED.unsure_speed**2 + sensors[f, S.strange + i] ** 2
+        size[f] = 0.5 * math.log(upward + min(level, FIXED.most_level**2))
         if unknown(samples.feet, row, source):
             sensors[f, S.trunk] = math.nan
         sensors[f, S.firm] = sensors[f, S.firm] + 1.0 if contact[f] >= 0.5 else 0.0
@@ -222,7 +225,7 @@ def _weigh(memory: Array, sensors: Array, contact: Array, foot: Feet, dt: float)
     A robot that flies shows no weight. One that stands or is carried does. A switch that is known to hang explains it.
 
     Args:
-        memory: `BestState.memory`, (113,); changed.
+        memory: `BestState.memory`, (119,); changed.
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`.
         contact: probability that each contact point touches the ground, (K,); NaN counts as touching.
         foot: index of the foot of each point, (K,).

@@ -3,11 +3,10 @@
 `BestNoise` and `BestLimits` depend on sensors and configuration, `FIXED` on nothing.
 """
 
-import math
 from typing import NamedTuple
 
 from ..feet.contact import BestGeometry
-from ..params import EstimatorParams, StartPose
+from ..params import StartPose
 
 
 class BestNoise(NamedTuple):
@@ -212,6 +211,8 @@ class FixedNumbers(NamedTuple):
     """Speed of a foot that encoders do not distinguish from rest, m/s: 1 mm in two samples 25 ms apart."""
     level_share: float = 0.15
     """Weight of level motion, 1 for vertical, in the comparison with switches: standing feet slide, but do not rise."""
+    most_level: float = 0.2
+    """Limit of the weighted level motion in that comparison, m/s: a fast swing would still count after landing."""
     against_s: float = 0.2
     """Time constant, s, of the comparison of switches with motion; one that hangs has not changed for as long."""
     most_more: float = 0.8
@@ -292,6 +293,18 @@ class FixedNumbers(NamedTuple):
     """Prior standard deviation of the ground's slope before feet have shown it, rad."""
     learn_ground: float = 0.125
     """Weight of one step in the running means of unevenness and slope of the ground, 0 to 1."""
+    sink_s: float = 2.0
+    """Time constant, s, of the sums of landing heights that show sinking feet; longest time between two landings."""
+    sink_least_s: float = 0.25
+    """Time, s, that counts without a rise before feet have landed often."""
+    least_sink: float = 0.008
+    """Speed of sinking, m/s, below which landings only scatter; half of it once feet sink."""
+    sink_slope: float = 0.005
+    """Slope of the ground, rad, that feet which stand at the same time may fail to show."""
+    sink_slopes: float = 1.2
+    """Factor over the climb of a slope, from which on rising landings are no slope."""
+    sink_walk: float = 1.5
+    """Random walk of a standing point along the vertical, m/sqrt(s), over the speed of sinking, m/s."""
     level_gate: float = 4.0
     """Squared normalised height difference (1 degree of freedom, 95 %) up to which a step is on a ground level."""
     # hypotheses about sliding feet
@@ -366,35 +379,3 @@ class FixedNumbers(NamedTuple):
 
 
 FIXED = FixedNumbers()
-
-
-def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
-    """Return the noises of the filter.
-
-    Args:
-        params: parameters of sensors and geometry.
-        modes: True: hypotheses about sliding feet are carried through time (`hypotheses`); False: each sample is mixed.
-    """
-    root, point = math.sqrt(1e-9 * params.imu_period_ns), max(params.sigma_point, FIXED.least_point)
-    noise = BestNoise(
-        params.sigma_w * root, FIXED.acc_share * params.sigma_q * root, params.sigma_w, params.sigma_q, point, point
-    )
-    if modes:
-        noise = noise._replace(
-            point=FIXED.point_share * point, stay=0.0005, gyro_bias=6e-5, gyro_jerk=0.12, turn_jerk=0.12,
-            slide=0.04, go_on=0.95,
-        )  # fmt: skip
-    return noise
-
-
-def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypotheses: bool = True) -> BestLimits:
-    """Return limits of start and rest of the filter; `stated`: True if pose and slope at the start are known."""
-    return BestLimits(
-        samples=params.standstill_samples, travel=params.standstill_travel, max_speed=params.max_speed,
-        gyro_variance=params.standstill_gyro_sd**2, acc_variance=params.standstill_acc_sd**2,
-        gyro_bias_sd=params.gyro_bias_sd, acc_bias_sd=params.acc_bias_sd, hypotheses=hypotheses,
-        slope_sd=params.start_slope_sd if stated else math.inf, start=StartPose(*map(float, start)),
-        start_sd=FIXED.stated_sd if stated else FIXED.lost_sd, gap_s=params.gap_periods * 1e-9 * params.imu_period_ns,
-        forget_s=1e-9 * params.reset_gap_ns, level_sd=FIXED.level_sd if params.level_ground and stated else math.inf,
-        levels=params.levels and not (params.level_ground and stated),
-    )  # fmt: skip

@@ -54,7 +54,7 @@ class BestState(NamedTuple):
     turn: Array
     """rot_odom_from_foot of the foot of each contact point at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Averages, counters and times beside the state, (113,), laid out as in `MemoryLayout`."""
+    """Averages, counters and times beside the state, (119,), laid out as in `MemoryLayout`."""
     mode_x: Array
     """State vectors of the hypotheses about sliding feet, laid out as `x`, (H, 21 + 3 K)."""
     mode_cov: Array
@@ -130,7 +130,8 @@ def forget_velocity(state: BestState, sd: float) -> None:
 
 @kernel
 def forget_levels(memory: Array) -> None:
-    """Forget heights on which feet stood, unevenness and slope of the ground in `BestState.memory` (113,), in place."""
+    """Forget levels, unevenness, slope and softness of the ground in `BestState.memory` (119,), in place."""
+    memory[M.sunk : M.sinks + 1] = 0.0
     memory[M.levels : M.levels + LEVEL * LEVELS] = 0.0
     memory[M.uneven] = FIXED.step_sd**2
     memory[M.slope : M.slope + 5] = 0.0
@@ -358,6 +359,9 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
         if points[k, P.down] > 0.0:
             for i in range(E.points + 3 * k, E.points + 3 * k + 3):
                 cov[i, i] += noise.stay**2 * d
+            for m in range(points.shape[0]):  # feet sink together
+                if points[m, P.down] > 0.0:
+                    cov[E.points + 3 * k + 2, E.points + 3 * m + 2] += (FIXED.sink_walk * memory[M.sinks]) ** 2 * d
         else:
             points[k, P.mistrust] *= 1.0 - min(FIXED.forget_mistrust * d, 1.0)
     for i in range(M.lag, M.lag + 3):
@@ -381,7 +385,7 @@ def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
     the IMU back again, so errors of the heading cancel; those of the tilt act on the velocity at every moment.
 
     Args:
-        memory: `BestState.memory`, (113,); the last sample in it is replaced.
+        memory: `BestState.memory`, (119,); the last sample in it is replaced.
         w: gyro of the sample, IMU axes, (3,) rad/s.
         q: accelerometer of the sample, IMU axes, (3,) m/s^2.
         noise: noises and rates of the filter.

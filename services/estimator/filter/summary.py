@@ -205,4 +205,5 @@ def condition(parts: FilterParts, vectors: Array, more: Array, covariance: Array
         1e-9 * (now - stamps[FEET_NS]), since_contact_s, since_contact_s, legs,
         legs.left_out | legs.still == (1 << parts.check.feet.shape[0]) - 1,
         parts.state.memory[M.lost_for] >= 0.0 and legs.left_out != 0, int(parts.state.memory[M.left_out]),
+        parts.state.memory[M.sinks],
     )  # fmt: skip

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from surefoot.errors import SurefootError
 from surefoot.geometry.constants import GRAVITY
 from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.track import track
+from surefoot.lab.estimation.track import LogRunner, track
 from surefoot.lab.estimation.units import check_units, turned_by_feet
 from tests.lab.estimation.rigid import CORNERS, HEIGHT, all_closed, columns, logged, smooth, standing
 
@@ -153,3 +153,68 @@ def test_a_robot_that_is_carried_keeps_its_heading_and_does_not_stand(turn: floa
     assert found.gyro_bias[-1] == pytest.approx([0.01, -0.006, 0.004], abs=0.003)
     assert found.flags["filter_ok"][-1]
     assert found.flags["sensors_ok"][-1]
+
+
+def tilts(t: np.ndarray) -> np.ndarray:
+    """Rotation vector of a trunk that rolls and pitches while it trots, rad."""
+    wave = np.pi / STEP_S
+    return columns(0.03 * smooth(t - 3.0) * np.sin(wave * t), 0.02 * smooth(t - 3.0) * np.sin(2.0 * wave * t), 0.0)
+
+
+def trotting(speed: float, seconds: float, sink: float = 0.0) -> Log:
+    """A trot in diagonal pairs that begins after 3 s: feet rise by 5 cm, swing, land at rest and sink by `sink`, m."""
+
+    def ahead(t: np.ndarray) -> np.ndarray:  # speeds up over 3 s
+        t = np.clip(t - 3.0, 0.0, None)
+        part = np.minimum(t / 3.0, 1.0)
+        return speed * (3.0 * (part**3 - 0.5 * part**4) + np.maximum(t - 3.0, 0.0))
+
+    def steps(t: np.ndarray, f: int) -> tuple[np.ndarray, np.ndarray]:  # begin of its latest step, and what is over
+        late = STEP_S * (f in (1, 2))
+        begin = late + 2.0 * STEP_S * np.floor((t - late) / (2.0 * STEP_S))
+        return begin, t - begin
+
+    def stands(t: np.ndarray) -> np.ndarray:
+        return np.stack([(steps(t, f)[1] < STEP_S) | (t < 3.0) for f in range(4)], axis=1)
+
+    def places(t: np.ndarray) -> np.ndarray:
+        out = np.empty((len(t), 4, 3))
+        for f, corner in enumerate(CORNERS):
+            begin, since = steps(t, f)
+            now, then = ahead(begin + 0.5 * STEP_S), ahead(begin + 2.5 * STEP_S)
+            part, walks = np.clip(since / STEP_S - 1.0, 0.0, 1.0) * (t >= 3.0), begin + 0.5 * STEP_S > 3.0
+            low = sink * walks * (1.0 - np.exp(-np.minimum(since, STEP_S) / 0.1)) * (1.0 - smooth(part))
+            high = 0.05 * np.sin(np.pi * part) ** 2 - low
+            out[:, f] = corner + columns(now + (then - now) * smooth(part), 0.0, high)
+        return out
+
+    return logged(seconds, lambda t: columns(ahead(t), 0.0, HEIGHT), tilts, places, stands)
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.8])
+def test_switches_of_a_fast_trot_are_not_wrong(speed: float) -> None:
+    """Level motion of a swing still counts after a foot has landed, so that it is limited beside the vertical."""
+    log = trotting(speed, 16.0)
+    found, walks = track("best", log), log.seconds > 3.0
+    assert found.flags["sensors_ok"][walks].mean() > 0.95
+    assert np.linalg.norm(found.v_odom[-400:] - [speed, 0.0, 0.0], axis=1).max() < 0.1
+
+
+@pytest.mark.parametrize("sink", [0.005, 0.01, 0.02])
+def test_feet_that_sink_do_not_lift_the_robot(sink: float) -> None:
+    log, runner = trotting(0.5, 20.0, sink), LogRunner("best", trotting(0.5, 20.0, sink), {})
+    found, late = track("best", log), log.seconds > 8.0
+    assert abs(found.position[-1, 2] - found.position[log.seconds < 2.0, 2][-1]) < 0.03
+    off = found.v_odom[late] - [0.5, 0.0, 0.0]
+    assert 100.0 * np.sqrt((off**2).sum(1).mean()) < 1.5
+    up = found.g[late] / GRAVITY
+    rolls = Rotation.from_rotvec(columns(*tilts(log.seconds[late]).T)).inv().apply([0.0, 0.0, 1.0])
+    assert np.degrees(np.sqrt(((up - rolls) ** 2).sum(1).mean())) < 0.6
+    n = len(log.stamp_ns)
+    for at in log.arrival():
+        if at < n:
+            runner.imu(int(log.stamp_ns[at]), log.w[at], log.q[at])
+        else:
+            row = at - n
+            runner.feet(int(log.foot_ns[row]), log.foot_position[row], log.foot_rot[row], log.contact[row])
+    assert any(reason.startswith("feet sink by") for reason in runner.estimate().reasons)

@@ -5,7 +5,7 @@ import pytest
 
 from surefoot.services.estimator.filter.best import BestFilter
 from surefoot.services.estimator.filter.layout import STARTED, E, M, X
-from surefoot.services.estimator.filter.noise import best_limits, best_noise
+from surefoot.services.estimator.filter.setting import best_limits, best_noise
 from surefoot.services.estimator.inputs.counters import InputCheck
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from tests.services.estimator.mounts import balls

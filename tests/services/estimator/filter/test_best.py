@@ -11,9 +11,10 @@ from surefoot.services.estimator.feet.contact import SeenPoints, points_of, sole
 from surefoot.services.estimator.feet.mount import FootMount
 from surefoot.services.estimator.filter.advance import stand_on_level
 from surefoot.services.estimator.filter.layout import E, M, P, X
-from surefoot.services.estimator.filter.noise import FIXED, BestNoise, best_limits, best_noise
+from surefoot.services.estimator.filter.noise import FIXED, BestNoise
 from surefoot.services.estimator.filter.point import lift, observe, put_down, retract
 from surefoot.services.estimator.filter.rest import learn_gyro_bias
+from surefoot.services.estimator.filter.setting import best_limits, best_noise
 from surefoot.services.estimator.filter.state import Felt, fit_in, forget_velocity, new_state, predict, rotation
 from surefoot.services.estimator.filter.update import follow, take_points
 from surefoot.services.estimator.params import EstimatorParams, StartPose

@@ -11,8 +11,9 @@ from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
 from surefoot.services.estimator.feet.contact import SeenPoints
 from surefoot.services.estimator.filter import hypotheses
 from surefoot.services.estimator.filter.layout import E, M, P, X
-from surefoot.services.estimator.filter.noise import FIXED, best_noise
+from surefoot.services.estimator.filter.noise import FIXED
 from surefoot.services.estimator.filter.point import retract
+from surefoot.services.estimator.filter.setting import best_noise
 from surefoot.services.estimator.filter.state import fit_in, new_state, rotation, turn_matrix
 from surefoot.services.estimator.filter.update import persistence, remember_slides, take_points
 from surefoot.services.estimator.params import EstimatorParams

@@ -10,8 +10,9 @@ from surefoot.lab.estimation.track import track
 from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
 from surefoot.services.estimator.filter.layout import LEVEL, LEVELS, E, M, P, X
 from surefoot.services.estimator.filter.level import stand_on_levels
-from surefoot.services.estimator.filter.noise import FIXED, best_limits, best_noise
+from surefoot.services.estimator.filter.noise import FIXED
 from surefoot.services.estimator.filter.point import lift, put_down
+from surefoot.services.estimator.filter.setting import best_limits, best_noise
 from surefoot.services.estimator.filter.state import forget_levels, new_state
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from tests.services.estimator.mounts import balls
@@ -54,7 +55,7 @@ def walk(ground, steps=60):
         lift(state, foot)
         put_down(state, foot, np.array([*PLACES[foot], under[foot] - trunk - HIGH]), NOISE)
         state.points[foot, P.new] = 0.0
-        stand_on_levels(state, balls(FEET), 0.1)
+        stand_on_levels(state, balls(FEET), 0.1, 5.0)
     return state, state.x[X.pos + 2] - HIGH - trunk
 
 
@@ -74,7 +75,7 @@ def test_a_step_on_a_level_is_a_kalman_update_of_what_has_drifted_since():
     variance = h @ cov @ h
     state.memory[M.levels : M.levels + LEVEL] = level, 0.4 * variance, 1.0, 0.0
     noise = (FIXED.step_sd**2 + state.memory[M.uneven]) ** 2 / FIXED.step_sd**2
-    stand_on_levels(state, balls(FEET), 0.0)
+    stand_on_levels(state, balls(FEET), 0.0, 5.0)
     drift = 0.6 * variance
     share = drift / (drift + noise)
     r = variance * noise / drift

@@ -5,7 +5,7 @@ import pytest
 
 from surefoot.lab.estimation.track import track
 from surefoot.services.estimator.filter.layout import E, M
-from surefoot.services.estimator.filter.noise import best_noise
+from surefoot.services.estimator.filter.setting import best_noise
 from surefoot.services.estimator.filter.start import shown_noise
 from surefoot.services.estimator.filter.state import Felt, new_state, predict
 from surefoot.services.estimator.params import EstimatorParams

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from surefoot.services.estimator.feet.contact import SeenPoints, at_switches, points_of, sole_feet, touch_rows
 from surefoot.services.estimator.feet.mount import FootMount
 from surefoot.services.estimator.filter.layout import E, P, X
-from surefoot.services.estimator.filter.noise import best_noise
+from surefoot.services.estimator.filter.setting import best_noise
 from surefoot.services.estimator.filter.sole import rock_soles, turn_soles
 from surefoot.services.estimator.filter.state import Felt, new_state, predict
 from surefoot.services.estimator.filter.update import take_points

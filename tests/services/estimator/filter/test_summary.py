@@ -6,9 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.services.estimator.feet.contact import BestGeometry, point_feet
 from surefoot.services.estimator.filter.layout import E, M, X
-from surefoot.services.estimator.filter.noise import FIXED, best_noise
+from surefoot.services.estimator.filter.noise import FIXED
 from surefoot.services.estimator.filter.point import retract
 from surefoot.services.estimator.filter.pose import grow_pose
+from surefoot.services.estimator.filter.setting import best_noise
 from surefoot.services.estimator.filter.state import new_state, rotation
 from surefoot.services.estimator.filter.summary import R, joint_covariance, summary
 from surefoot.services.estimator.params import EstimatorParams
