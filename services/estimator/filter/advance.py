@@ -14,6 +14,7 @@ from surefoot.kernels.jit import inner_kernel, kernel
 from ..feet.contact import BestGeometry, SeenPoints, by_height, points_of
 from ..params import GAP_PUSH, GAP_TURN, UNKNOWN_SPEED
 from .external import take_external
+from .ground import forget_levels
 from .heading import keep_heading, learn_parting, take_back
 from .hypotheses import collapse, likeliest, mix, mode, publish_mean, weigh
 from .layout import CERTAIN, DOUBTED, MOVING, NO_FEET, STARTED, WAITING, E, M, P, S, X
@@ -26,7 +27,7 @@ from .rest import learn_end_of_rest, learn_gyro_bias, turns
 from .samples import ROW_Q, ROW_W, SampleStore, after
 from .speed import limit_speed
 from .start import rests, start_at_rest, start_moving
-from .state import BestState, Felt, felt_variance, forget_levels, forget_velocity, predict, rotation
+from .state import BestState, Felt, felt_variance, forget_velocity, predict, rotation
 from .tilt import check_rest, check_start, check_tilt
 from .update import follow, persistence, remember_slides, take_points
 

@@ -25,11 +25,11 @@ from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 
 from ..feet.contact import BestGeometry
+from .ground import learn_sinking
 from .hypotheses import likeliest, mode
 from .layout import LEVEL, LEVELS, E, M, P, X
 from .noise import FIXED
 from .point import retract
-from .sink import learn_sinking
 from .state import BestState, rotation
 
 Feet = NDArray[np.int64]

@@ -153,6 +153,16 @@ def _held_turn(sensors: Array, samples: SampleStore, row: int, before: int, turn
 
 
 @kernel
+def _size(motion: Array) -> float:
+    """Return the logarithm of the size, m/s, of a foot's motion (3,) m/s beside the inertial unit, odom axes.
+
+    Level motion counts less, and to a limit: feet slide, and a fast swing is felt until after they have landed.
+    """
+    level = FIXED.level_share * (motion[0] ** 2 + motion[1] ** 2)
+    return 0.5 * math.log(FIXED.unsure_speed**2 + min(level, FIXED.most_level**2) + motion[2] ** 2)
+
+
+@kernel
 def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int, before: int, contact: Array) -> None:
     """Compare each switch with the motion of its foot from row `before` of the feet to `row`, in place.
 
@@ -191,16 +201,11 @@ def _compare(state: BestState, likely: BestState, samples: SampleStore, row: int
             seen[i] = trunk[i] - sensors[f, S.trunk + i] - gained[i]
             length += seen[i] ** 2
             sensors[f, S.trunk + i] = trunk[i]
-        level = upward = 0.0
         for i in range(3):
-            sensors[f, S.strange + i] *= fade
-            if length < FIXED.most_strange**2:
-                sensors[f, S.strange + i] += seen[i]
-            if i < 2:
-                level += FIXED.level_share * sensors[f, S.strange + i] ** 2
-            else:
-                upward = FIXED.unsure_speed**2 + sensors[f, S.strange + i] ** 2
-        size[f] = 0.5 * math.log(upward + min(level, FIXED.most_level**2))
+            sensors[f, S.strange + i] = fade * sensors[f, S.strange + i] + (
+                seen[i] if length < FIXED.most_strange**2 else 0.0
+            )
+        size[f] = _size(sensors[f, S.strange : S.strange + 3])
         if unknown(samples.feet, row, source):
             sensors[f, S.trunk] = math.nan
         sensors[f, S.firm] = sensors[f, S.firm] + 1.0 if contact[f] >= 0.5 else 0.0

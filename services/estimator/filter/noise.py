@@ -297,7 +297,7 @@ class FixedNumbers(NamedTuple):
     """Time constant, s, of the sums of landing heights that show sinking feet; longest time between two landings."""
     sink_least_s: float = 0.25
     """Time, s, that counts without a rise before feet have landed often."""
-    least_sink: float = 0.008
+    least_sink: float = 0.02
     """Speed of sinking, m/s, below which landings only scatter; half of it once feet sink."""
     sink_slope: float = 0.005
     """Slope of the ground, rad, that feet which stand at the same time may fail to show."""

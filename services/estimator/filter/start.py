@@ -11,11 +11,12 @@ from surefoot.kernels.jit import kernel
 
 from ..feet.contact import points_of
 from ..params import UNKNOWN_SPEED
+from .ground import forget_levels
 from .layout import LONG_AGO, MOVING, NO_FEET, STARTED, E, M, X
 from .noise import FIXED, BestLimits, BestSetting
 from .point import lift
 from .samples import ROW_Q, ROW_W, SampleStore, after
-from .state import BestState, forget_levels, isolate, set_rotation
+from .state import BestState, isolate, set_rotation
 
 BLOCK = 16
 """Number of rows of a possible rest that are checked at a time."""

@@ -27,7 +27,7 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear_kernels import times, turned
 from surefoot.kernels.jit import kernel
 
-from .layout import LEVEL, LEVELS, LONG_AGO, MEMORY, NO_FEET, POINT_COLUMNS, SENSOR_COLUMNS, E, M, P, S, X
+from .layout import LONG_AGO, MEMORY, NO_FEET, POINT_COLUMNS, SENSOR_COLUMNS, E, M, P, S, X
 from .noise import FIXED, BestNoise
 
 
@@ -126,15 +126,6 @@ def forget_velocity(state: BestState, sd: float) -> None:
     isolate(state.cov, E.vel, 3, sd * sd)
     for i in range(3):
         state.x[X.vel + i] = state.memory[M.lag + i] = 0.0
-
-
-@kernel
-def forget_levels(memory: Array) -> None:
-    """Forget levels, unevenness, slope and softness of the ground in `BestState.memory` (119,), in place."""
-    memory[M.sunk : M.sinks + 1] = 0.0
-    memory[M.levels : M.levels + LEVEL * LEVELS] = 0.0
-    memory[M.uneven] = FIXED.step_sd**2
-    memory[M.slope : M.slope + 5] = 0.0
 
 
 @kernel
@@ -311,6 +302,18 @@ def _set_cross(by: Array, column: int, x: float, y: float, z: float) -> None:
 
 
 @kernel
+def _walk_points(cov: Array, points: Array, stay: float, sink: float) -> None:
+    """Add variances, m^2: `stay` to each axis of each standing point, `sink` to their common height, in place."""
+    for k in range(points.shape[0]):
+        if points[k, P.down] > 0.0:
+            for i in range(E.points + 3 * k, E.points + 3 * k + 3):
+                cov[i, i] += stay
+            for m in range(points.shape[0]):
+                if points[m, P.down] > 0.0:
+                    cov[E.points + 3 * k + 2, E.points + 3 * m + 2] += sink
+
+
+@kernel
 def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, felt: Felt) -> None:
     """Predict state and covariance over a step of d s by one inertial sample, in place.
 
@@ -355,14 +358,9 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
         for k in range(3):  # less of it about the vertical
             cov[E.gyro_bias + i, E.gyro_bias + k] -= (noise.gyro_bias**2 - noise.turn_bias**2) * up[i] * up[k] * d
         cov[E.acc_bias + i, E.acc_bias + i] += excess * noise.acc_bias**2 * d
+    _walk_points(cov, points, noise.stay**2 * d, (FIXED.sink_walk * memory[M.sinks]) ** 2 * d)
     for k in range(points.shape[0]):
-        if points[k, P.down] > 0.0:
-            for i in range(E.points + 3 * k, E.points + 3 * k + 3):
-                cov[i, i] += noise.stay**2 * d
-            for m in range(points.shape[0]):  # feet sink together
-                if points[m, P.down] > 0.0:
-                    cov[E.points + 3 * k + 2, E.points + 3 * m + 2] += (FIXED.sink_walk * memory[M.sinks]) ** 2 * d
-        else:
+        if points[k, P.down] == 0.0:
             points[k, P.mistrust] *= 1.0 - min(FIXED.forget_mistrust * d, 1.0)
     for i in range(M.lag, M.lag + 3):
         memory[i] *= 1.0 - min(d / noise.lag_s, 1.0)

@@ -10,12 +10,13 @@ from surefoot.geometry.linear_kernels import times, turned
 from surefoot.kernels.jit import kernel
 
 from ..params import UNKNOWN_SPEED, UNKNOWN_TURN, UNKNOWN_WAY
+from .ground import forget_levels
 from .hypotheses import collapse, likeliest
 from .layout import DOUBTED, LONG_AGO, STARTED, E, M, P, S, X
 from .noise import FIXED, BestSetting
 from .point import lift
 from .samples import ROW_Q
-from .state import BestState, forget_levels, forget_velocity, isolate, rotation, set_rotation, turn_matrix
+from .state import BestState, forget_velocity, isolate, rotation, set_rotation, turn_matrix
 
 
 @kernel

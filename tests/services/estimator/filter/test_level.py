@@ -8,12 +8,13 @@ import pytest
 from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
 from surefoot.papers.wawrzynski.synthetic import KINDS, synthesize
+from surefoot.services.estimator.filter.ground import forget_levels
 from surefoot.services.estimator.filter.layout import LEVEL, LEVELS, E, M, P, X
 from surefoot.services.estimator.filter.level import stand_on_levels
 from surefoot.services.estimator.filter.noise import FIXED
 from surefoot.services.estimator.filter.point import lift, put_down
 from surefoot.services.estimator.filter.setting import best_limits, best_noise
-from surefoot.services.estimator.filter.state import forget_levels, new_state
+from surefoot.services.estimator.filter.state import new_state
 from surefoot.services.estimator.params import EstimatorParams, StartPose
 from tests.services.estimator.mounts import balls
 

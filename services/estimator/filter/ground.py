@@ -1,14 +1,15 @@
-"""Feet that sink while they stand, as on grass, mats or soft legs: each step seems to land above the last.
+"""Ground that gives way: feet that sink while they stand, on grass, mats or soft legs, land too high at each step.
 
 A foot that stands is taken to stay, so that a trunk that sinks with it is believed to keep its height: the next foot
-lands too high by as much. Over the landings of some seconds, z_i the height of the ground under a foot that lands at
-t_i, and h_(i-1) that under the landing before as levels of the ground left it,
+lands too high by as much. Over the landings of some seconds, with z_i the height of the ground under a foot that lands
+at t_i, and h_(i-1) the last height under the foot that landed before,
 
     s = S(z_i - h_(i-1))/(S(t_i - t_(i-1)) + T_0),   T_0 = `sink_least_s`
 
-with decaying sums S, is the speed of sinking. It counts from `least_sink` on, and beyond what a slope that is taken for
-level ground makes of the way. The height is unsure by s (t_i - t_(i-1)) more then, so that levels correct it, and the
-velocity learns what they take off: see `follow`.
+with decaying sums S, is the speed of sinking. It counts from `least_sink` on, and beyond `sink_slopes` times the climb
+of a slope of the ground, as far as feet that stand together show or hide one, `most_slope` at most. All standing points
+then share a random walk of their height, s `sink_walk`, and levels of the ground take the rest off: without a turn of
+the trunk, and the velocity learns it as its lag (`follow`).
 """
 
 import math
@@ -16,9 +17,18 @@ import math
 from surefoot.arrays import Array
 from surefoot.kernels.jit import kernel
 
-from .layout import M
+from .layout import LEVEL, LEVELS, M
 from .noise import FIXED
 from .state import BestState
+
+
+@kernel
+def forget_levels(memory: Array) -> None:
+    """Forget levels, unevenness, slope and softness of the ground in `BestState.memory` (119,), in place."""
+    memory[M.sunk : M.sinks + 1] = 0.0
+    memory[M.levels : M.levels + LEVEL * LEVELS] = 0.0
+    memory[M.uneven] = FIXED.step_sd**2
+    memory[M.slope : M.slope + 5] = 0.0
 
 
 @kernel
@@ -47,9 +57,11 @@ def learn_sinking(state: BestState, v: Array, z: float, slope: float) -> None:
         return
     fade = math.exp(-dt / FIXED.sink_s)
     memory[M.sunk], memory[M.sunk + 1] = fade * memory[M.sunk], fade * memory[M.sunk + 1] + dt
-    if math.isfinite(slope) and abs(rise) < FIXED.same_level:
+    level, on = math.isfinite(slope), memory[M.sinks] != 0.0
+    if level and abs(rise) < FIXED.same_level:
         memory[M.sunk] += rise
     speed = memory[M.sunk] / (memory[M.sunk + 1] + FIXED.sink_least_s)
-    climbs = FIXED.sink_slopes * min(slope + FIXED.sink_slope, FIXED.most_slope) * math.sqrt(v[0] * v[0] + v[1] * v[1])
-    least = max(FIXED.least_sink * (1.0 if memory[M.sinks] == 0.0 else 0.5), climbs)
-    _store(state, speed if abs(speed) > least else 0.0)
+    climbs = min(slope + FIXED.sink_slope, FIXED.most_slope) * math.sqrt(v[0] * v[0] + v[1] * v[1])
+    least = (0.5 if on else 1.0) * max(FIXED.least_sink, FIXED.sink_slopes * climbs if level else 0.0)
+    known = on or (level and memory[M.sunk + 1] >= 2.0 * FIXED.sink_least_s)
+    _store(state, speed if known and abs(speed) > least else 0.0)
