@@ -18,8 +18,8 @@ from surefoot.errors import FieldError
 from surefoot.services.stability.programs.contacts import MAX_MU, ContactSet, contact_set
 from surefoot.services.stability.regions import margin as margins
 from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces
-from surefoot.services.stability.regions.many import what_if
-from surefoot.services.stability.regions.model import Region
+from surefoot.services.stability.regions.many import STATUSES, what_if
+from surefoot.services.stability.regions.model import Region, RegionStatus
 from surefoot.services.stability.regions.region import region as region_of
 
 __all__ = ["ContactSet", "Region", "contacts", "forces", "lifts", "margin", "region"]
@@ -27,8 +27,6 @@ __all__ = ["ContactSet", "Region", "contacts", "forces", "lifts", "margin", "reg
 WIDEST = 10.0
 """Largest distance between two contacts along an axis, and of the centre of mass from the nearest contact, m; larger
 ones are refused."""
-RAYS = 64
-"""Number of directions in which the edge of a region without bounds is searched first."""
 MOST_DIRECTIONS = 4096
 """Largest number of search directions for the border of a support region; more are refused."""
 
@@ -95,45 +93,31 @@ def margin(where: ContactSet | Region, com: ArrayLike) -> float:
         FieldError: an argument that cannot be used.
     """
     found = where if isinstance(where, Region) else region_of(_checked(where, "where"))
-    place = _place(com, found.contacts)
-    if found.status == "unbounded":
-        return _to_the_edge(found, place)
-    value = margins.margin(found, place).value
-    return -math.inf if value is None else value
+    value = margins.margin(found, _place(com, found.contacts)).value
+    return _defined(found.status, math.nan if value is None else value)
 
 
-def _to_the_edge(found: Region, place: Array) -> float:
-    """Return the distance, m, of a place (2,) m in a region without bounds from its edge; -inf: it is outside."""
-    if not equilibrium(found.contacts, place).held:
-        return -math.inf
-
-    def reach(angle: float) -> float:
-        value = margins.extent(found, place, np.array([math.cos(angle), math.sin(angle)])).value
-        return math.inf if value is None else max(0.0, value)
-
-    step = 2.0 * math.pi / RAYS
-    reaches = [reach(step * k) for k in range(RAYS)]
-    nearest = int(np.argmin(reaches))
-    if not math.isfinite(reaches[nearest]):
-        return math.inf
-    low, high = step * (nearest - 1), step * (nearest + 1)
-    while high - low > 1e-7:  # the edge is convex: along it the distance falls, then rises
-        left, right = low + (high - low) / 3.0, high - (high - low) / 3.0
-        low, high = (low, right) if reach(left) <= reach(right) else (left, high)
-    return min(reaches[nearest], reach(0.5 * (low + high)))
+def _defined(status: RegionStatus, value: float) -> float:
+    """Return the margin of a region of a status, m, where `value` is NaN without a region or an edge."""
+    if status == "unbounded":
+        return math.inf if math.isnan(value) else value if value >= 0.0 else -math.inf
+    return -math.inf if math.isnan(value) else value
 
 
 def lifts(contacts: ContactSet, com: ArrayLike) -> Array:
     """Return the margin that is left when one contact is lifted, for each contact, (n,) m.
 
-    NaN: without that contact the region is empty, or has no edge.
+    Each is as `margin` without that contact: -inf where the robot falls and no edge is known, inf where it falls
+    nowhere.
 
     `com`: place of the centre of mass, (2,) m; (3,) is taken without its height.
 
     Raises:
         FieldError: an argument that cannot be used.
     """
-    return np.asarray(what_if(_checked(contacts), _place(com, contacts)).margin[1:], dtype=np.float64)
+    found = what_if(_checked(contacts), _place(com, contacts))
+    pairs = zip(found.status[1:].tolist(), found.margin[1:].tolist(), strict=True)
+    return np.array([_defined(STATUSES[status], value) for status, value in pairs], dtype=np.float64)
 
 
 def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array | None:

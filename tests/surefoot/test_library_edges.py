@@ -36,6 +36,16 @@ def test_a_region_between_walls_has_an_edge_though_no_bound(
     assert (surefoot.stability.forces(feet, com) is None) == (expected == -math.inf)
 
 
+def test_what_is_left_between_walls_when_a_contact_lifts_is_the_margin_without_it() -> None:
+    points, normals = WALLS["a half-plane"]
+    feet = surefoot.stability.contacts([*points, (0.0, 0.5, 0.0)], [*normals, (0.0, 0.0, 1.0)])
+    expected = [surefoot.stability.margin(feet.without(i), (0.0, 0.1)) for i in range(4)]
+    assert expected[2:] == pytest.approx([0.1, 0.1], abs=1e-6)
+    assert surefoot.stability.lifts(feet, (0.0, 0.1)) == pytest.approx(expected, abs=1e-7)
+    one = surefoot.stability.contacts([(0.0, 0.0, 0.0)])
+    assert surefoot.stability.lifts(one, (0.0, 0.0)) == [-math.inf]
+
+
 def test_between_walls_no_place_has_a_margin_that_nothing_holds() -> None:
     rng, held = np.random.default_rng(5), 0
     for _ in range(120):

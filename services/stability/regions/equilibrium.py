@@ -38,7 +38,10 @@ class LeastFriction:
     """Distribution of contact forces that is farthest from slipping: it needs the smallest share of the friction."""
 
     share: float
-    """Smallest factor on every friction coefficient with which the CoM is held, 0 to 1; unlimited friction stays."""
+    """Smallest factor on every friction coefficient with which the CoM is held, 0 to 1; unlimited friction stays.
+
+    The normal forces of all contacts together stay within 100 weights (twice those of some forces that hold the CoM,
+    where these are more): between two walls every share above 0 holds, if only the robot presses hard enough."""
     force: Array
     """Contact forces with |f_t,i| <= share mu_i n'f_i, in units of the weight, (n, 3); not unique."""
 
@@ -128,7 +131,8 @@ def least_friction(contacts: ContactSet, com: Array) -> LeastFriction | None:
     For a share s of every friction coefficient mu_i let t(s) = min t such that contact forces f_i hold the CoM and
     |f_t,i| <= mu_i (s n'f_i + t), n'f_i and f_t,i being normal and tangential parts: t is not above zero where the
     share is enough, and the program has an inside even where forces of that share are just possible. The root of t is
-    found by Newton's method within a bracket.
+    found by Newton's method within a bracket. The normal forces sum up to 100 weights at the most (to twice those of
+    the forces of `equilibrium`, where these are more), so between walls the share is that of so much pressing.
 
     Args:
         contacts: n, with any friction.

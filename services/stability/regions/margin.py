@@ -10,13 +10,17 @@ from surefoot.arrays import Array
 from surefoot.geometry.linear import dot, product
 from surefoot.geometry.polygon import ray, signed_distance
 
+from ..programs.contacts import StabilityError
 from ..programs.interior import NO_DUAL, NO_PRIMAL
 from ..programs.reference import nearest_border, solve_one
 from .careful import FLAT
+from .joint import apart, farthest
 from .model import Region, Solved
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
 
+CLOSE = 1e-9  # m; nearer to a region without bounds than that is inside
+RAYS = 64  # directions in which the edge of a region without bounds is searched first
 ON_EDGE = 1e-12  # m; a distance below it is zero (points and segments have no inside)
 
 
@@ -43,13 +47,17 @@ class Extent:
 def margin(region: Region, point: Array) -> Margin:
     """Return the signed distance of `point` c, (2,) m, from the edge: min over unit a of h(a) - a'c, positive inside.
 
-    h(a) is the support value of the region in direction a, the largest a'c of its points.
+    h(a) is the support value of the region in direction a, the largest a'c of its points. In a region without bounds,
+    as between walls, the nearest of 64 rays from the point to the edge is refined, and no direction is returned.
 
     Raises:
         StabilityError: no_convergence, by field `contacts`.
     """
-    if region.status in ("infeasible", "unbounded"):
+    if region.status == "infeasible":
         return Margin(None)
+    if region.status == "unbounded":
+        value = _to_the_edge(region, point)
+        return Margin(value if math.isfinite(value) else None)
     if region.solved is not None:
         s = region.solved.level()
         x, y = ((point - s.anchor) / s.reduced.length).tolist()
@@ -57,6 +65,40 @@ def margin(region: Region, point: Array) -> Margin:
         return Margin(least * s.reduced.length, direction)
     value = float(signed_distance(region.inner, float(point[0]), float(point[1])))
     return Margin(0.0 if abs(value) < ON_EDGE else value)
+
+
+def _to_the_edge(region: Region, point: Array) -> float:
+    """Return the signed distance, m, of a point (2,) m from the edge of a region without bounds; inf: it has no edge.
+
+    A point within 1 nm of the region lies on its edge.
+    """
+    outside = apart([region], point)
+    if outside > CLOSE:
+        return -outside
+
+    def reach(angle: float) -> float:
+        ray = np.array([math.cos(angle), math.sin(angle)])
+        try:
+            found = extent(region, point, ray)
+        except StabilityError:  # of a region as thin as a line
+            end = farthest([region], ray, CLOSE, point)
+            return math.inf if end is None else max(0.0, dot(end - point, ray))
+        if found.status == "missed":  # from a point on the edge
+            return 0.0
+        return math.inf if found.value is None else max(0.0, found.value)
+
+    step = 2.0 * math.pi / RAYS
+    reaches = [reach(step * k) for k in range(RAYS)]
+    nearest = int(np.argmin(reaches))
+    if reaches[nearest] <= 2.0 * CLOSE:
+        return 0.0
+    if not math.isfinite(reaches[nearest]):
+        return math.inf
+    low, high = step * (nearest - 1), step * (nearest + 1)
+    while high - low > 1e-7:  # the edge is convex: along it the distance falls, then rises
+        left, right = low + (high - low) / 3.0, high - (high - low) / 3.0
+        low, high = (low, right) if reach(left) <= reach(right) else (left, high)
+    return min(reaches[nearest], reach(0.5 * (low + high)))
 
 
 def extent(region: Region, point: Array, direction: Array) -> Extent:

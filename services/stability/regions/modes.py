@@ -16,14 +16,16 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.linear import norm, product, solve
 from surefoot.geometry.polygon import gap, half_planes, hull
 
-from ..programs.contacts import ContactSet, StabilityError
+from ..programs.contacts import ContactSet, StabilityError, equally_spaced
 from ..programs.reduced import THIN
 from .actuated import ServoLegs, actuated_region
+from .joint import apart, farthest
 from .model import Plane, Region, RegionStatus, Support
 from .region import region
 
 MET = 1e-9  # m, how far points and segments may lie apart and be met
 BY_CORNERS: tuple[RegionStatus, ...] = ("infeasible", "point", "segment", "ok")
+SHARED = 32  # directions in which what regions without bounds share is solved for, if it has an end
 SIDES = 8  # directions to which gravity may lean
 UPRIGHT = np.eye(3)
 
@@ -106,19 +108,23 @@ def in_common(found: list[Region]) -> Region:
     """Return the intersection of the regions of several gravities, m, in the plane of the CoM; of one, that region.
 
     Inner polygons are cut, so every point holds for each of these gravities (Audren and Kheddar do so in 3-D). The
-    status is unbounded if one region is and none is infeasible; infeasible if one is, or nothing is left.
+    status is infeasible if one region is, or nothing is left; unbounded if what is left has no end on some side.
+
+    Raises:
+        StabilityError: no solver finds what regions without bounds share.
     """
     if len(found) == 1:
         return found[0]
     statuses, nothing = {each.status for each in found}, np.empty((0, 2))
-    inner, outer = nothing, nothing
-    if not statuses & {"infeasible", "unbounded"}:
-        inner = _common([each.inner for each in found])
-        if len(inner):
-            outer = _common([each.outer for each in found])
-    status: RegionStatus = "unbounded" if "unbounded" in statuses else BY_CORNERS[min(len(inner), 3)]
-    if "infeasible" in statuses:
-        status = "infeasible"
+    inner, outer, endless = nothing, nothing, False
+    if "infeasible" not in statuses:
+        if "unbounded" in statuses:
+            inner, outer, endless = _without_bounds(found)
+        else:
+            inner = _common([each.inner for each in found])
+            if len(inner):
+                outer = _common([each.outer for each in found])
+    status: RegionStatus = "unbounded" if endless else BY_CORNERS[min(len(inner), 3)]
     empty = Support(nothing, np.empty(0), nothing, (), np.empty(0), np.empty((0, 0)), np.empty((0, 0, 3)))
     widest = gap(inner, outer) if len(inner) else math.nan
     return Region(found[-1].contacts, status, inner, outer, empty, widest, True, sum(r.calls for r in found))
@@ -255,6 +261,29 @@ def stays_down(up: Array, acceleration: Array) -> Array:
     if up[2] < 0.01 * GRAVITY:
         raise StabilityError("too_large", "acceleration", f"got {acceleration.tolist()}, the robot would fly")
     return up
+
+
+def _without_bounds(found: list[Region]) -> tuple[Array, Array, bool]:
+    """Return the polygons inside and around what regions share, m, and True if it has no end on some side.
+
+    found: some have no bound, none is infeasible; polygons (p, 2), (q, 2): empty where nothing is shared, or no end is.
+    """
+    nothing, within = np.empty((0, 2)), apart(found)
+    if within > THIN:
+        return nothing, nothing, False
+    directions = equally_spaced(SHARED)
+    order = np.argsort(np.arange(SHARED) % (SHARED // 4), kind="stable")  # first along the axes
+    places = np.empty((SHARED, 2))
+    for k in order:
+        place = farthest(found, directions[k], within + 0.1 * MET)
+        if place is None:
+            return nothing, nothing, True
+        places[k] = place
+    inner = _thinned(hull(places))
+    if len(inner) < 3:
+        return inner, inner, False
+    values = np.add.reduce(directions * places, axis=1)
+    return inner, hull(half_planes(directions, values, 4.0 * float(np.abs(values).max()) + 1.0)), False
 
 
 def _common(polygons: list[Array]) -> Array:

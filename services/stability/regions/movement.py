@@ -144,6 +144,9 @@ def check_movement(asked: Movement) -> CheckedMovement:
     checks = [check(region, asked.com, asked.way, asked.shift) for region in later]
     fallen = [each for each, region in zip(checks, later, strict=True) if region.status == "infeasible"]
     found, then = in_common(later), fallen[0] if fallen else worst(checks)
+    if found.status == "infeasible" and not fallen:  # each gravity has a region, and they share nothing
+        nowhere = None if then.extent is None else Extent(None, "infeasible")
+        then = Check(then.com_after, Margin(None), Margin(None), nowhere, nowhere, False)
     if later is not before:
         now = check(before[0], asked.com, asked.way, asked.shift)
         then = replace(then, margin_now=now.margin_now, extent=now.extent)

@@ -84,6 +84,20 @@ def test_doubtful_gravity_takes_its_share_of_the_height() -> None:
     assert (fallen.stable, fallen.margin, fallen.status) == (False, None, "infeasible")
 
 
+def test_gravities_whose_regions_share_no_place_leave_no_margin() -> None:
+    high = ask(FLOOR, com=[0.0, 0.0], movement=[0.02, 0.0, 0.0], tilt_rad=0.4, com_height_m=1.0)
+    assert (high.status, high.stable, high.margin, high.margin_now) == ("infeasible", False, None, None)
+    assert (high.extent, high.gsm, high.extent_status, high.gsm_status) == (None, None, "infeasible", "infeasible")
+
+
+@pytest.mark.parametrize(("com", "margin"), [((0.0, 0.3), 0.3), ((3.0, 0.1), 0.1), ((0.0, -0.2), -0.2)])
+def test_a_region_that_walls_make_endless_has_the_margin_to_its_edge(com: tuple[float, float], margin: float) -> None:
+    normals = [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), UP]
+    got = ask(contact_set([(-0.4, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.2, 0.0)], normals, 0.5), com=com)
+    assert (got.status, got.stable) == ("unbounded", False)
+    assert got.margin == pytest.approx(margin, abs=1e-6)
+
+
 def test_margins_are_those_of_the_least_favourable_gravity() -> None:
     for contacts in feasible_sets(92, 6, (4, 7)):
         c = (contacts.position[:, :2].mean(axis=0) + np.array([0.01, 0.0])).tolist()

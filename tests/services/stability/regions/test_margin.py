@@ -73,7 +73,11 @@ def test_margin_without_inside() -> None:
 
 def test_no_margin_where_there_is_no_edge() -> None:
     assert margin(region(contact_set([], [], [])), X).value is None
-    assert margin(region(contact_set([[-1, 0, 0], [1, 0, 0]], [EAST, WEST], 0.5)), X).value is None
+    everywhere = [[-1, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]]
+    assert margin(region(contact_set(everywhere, [EAST, EAST, WEST, WEST], 0.5)), X).value is None
+    line = region(contact_set([[-1, 0, 0], [1, 0, 0]], [EAST, WEST], 0.5))
+    assert margin(line, X).value == 0.0
+    assert margin(line, np.array([3.0, 0.2])).value == pytest.approx(-0.2, abs=1e-8)
 
 
 def test_extent_is_the_crossing_of_the_ray_not_the_support_point() -> None:

@@ -96,6 +96,30 @@ def test_what_all_gravities_have_in_common(feet: tuple, height: float, status: s
         np.testing.assert_allclose(np.sort(found.inner, axis=0), np.sort(np.array(feet)[:, :2], axis=0), atol=1e-7)
 
 
+WALLS = [[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]]
+STEP = [[0.2, 0.0, 0.1], [-0.2, 0.0, -0.1]]
+FACING = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("feet", "normals", "height", "status"),
+    [
+        (WALLS, FACING, 0.0, "unbounded"),  # the line through both, whatever way gravity leans
+        (WALLS, FACING, 0.1, "infeasible"),  # each way another line
+        (STEP, FACING, 0.0, "point"),  # lines that cross where the line of the contacts has this height
+        ([*WALLS, [0.0, 0.2, 0.0]], [*FACING, UP[0]], 0.1, "unbounded"),  # half-planes
+    ],
+)
+def test_what_regions_without_bounds_have_in_common(feet: list, normals: list, height: float, status: str) -> None:
+    contacts = contact_set(feet, normals, 0.9)
+    assert all(each.status == "unbounded" for each in regions_in(Tilted(0.05, STILL, height), contacts, Refinement()))
+    found = common(Tilted(0.05, STILL, height), contacts)
+    assert found.status == status
+    assert len(found.inner) == (status == "point")
+    if status == "point":
+        np.testing.assert_allclose(found.inner, [[0.0, 0.0]], atol=1e-6)
+
+
 @pytest.mark.parametrize("up", [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (np.nan, 0.0, 1.0)])
 def test_directions_that_are_none(up: tuple[float, float, float]) -> None:
     with pytest.raises(StabilityError):
