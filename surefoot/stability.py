@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from surefoot.arguments import array, instance, number, whole
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
-from surefoot.services.stability.programs.contacts import MAX_MU, ContactSet, contact_set
+from surefoot.schemas.stability import MAX_CONTACTS
+from surefoot.services.stability.programs.contacts import MAX_COORDINATE, MAX_MU, ContactSet, contact_set
 from surefoot.services.stability.regions import margin as margins
 from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces
 from surefoot.services.stability.regions.many import STATUSES, what_if
@@ -27,6 +28,9 @@ __all__ = ["ContactSet", "Region", "contacts", "forces", "lifts", "margin", "reg
 WIDEST = 10.0
 """Largest distance between two contacts along an axis, and of the centre of mass from the nearest contact, m; larger
 ones are refused."""
+UNIT = 1e-6
+"""Largest difference of the squared length of a unit normal from 1; normals of another length are refused in a
+`ContactSet`."""
 MOST_DIRECTIONS = 4096
 """Largest number of search directions for the border of a support region; more are refused."""
 
@@ -44,11 +48,9 @@ def contacts(points: ArrayLike, normals: ArrayLike | None = None, friction: Arra
     """
     p = array(points, "points", ("n", 3), "m")
     n = len(p)
-    if n and np.ptp(p, axis=0).max() > WIDEST:
-        text = f"got points {np.ptp(p, axis=0).max():g} apart, allowed are {WIDEST:g} m; are these millimetres?"
-        raise FieldError("range", "points", text)
+    _together(p, "points")
     up = np.tile([0.0, 0.0, 1.0], (n, 1)) if normals is None else array(normals, "normals", (n, 3))
-    one = np.ndim(friction) == 0
+    one = _shape(friction) == ()
     mu = array(friction, "friction", () if one else (n,), low=0.0, high=MAX_MU, inf=True)
     return contact_set(p, up, mu)
 
@@ -115,7 +117,8 @@ def lifts(contacts: ContactSet, com: ArrayLike) -> Array:
     Raises:
         FieldError: an argument that cannot be used.
     """
-    found = what_if(_checked(contacts), _place(com, contacts))
+    known = _checked(contacts)
+    found = what_if(known, _place(com, known))
     pairs = zip(found.status[1:].tolist(), found.margin[1:].tolist(), strict=True)
     return np.array([_defined(STATUSES[status], value) for status, value in pairs], dtype=np.float64)
 
@@ -134,13 +137,14 @@ def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array |
         FieldError: an argument that cannot be used.
     """
     load = number(weight, "weight", "N", low=1e-9, high=1e9)
-    place = _place(com, _checked(contacts))
-    least = least_forces(contacts, place) if equilibrium(contacts, place).held else None
+    known = _checked(contacts)
+    place = _place(com, known)
+    least = least_forces(known, place) if equilibrium(known, place).held else None
     return None if least is None else load * least
 
 
 def _place(com: ArrayLike, contacts: ContactSet) -> Array:
-    flat = np.shape(com)[-1:] == (2,)
+    flat = _shape(com)[-1:] == (2,)
     place = array(com, "com", (2,) if flat else (3,), "m", low=-1e6, high=1e6)[:2].copy()
     if len(contacts):
         away = float(np.hypot(*(contacts.position[:, :2] - place).T).min())
@@ -150,9 +154,31 @@ def _place(com: ArrayLike, contacts: ContactSet) -> Array:
     return place
 
 
+def _shape(given: ArrayLike) -> tuple[int, ...]:
+    """Return the shape of an argument before its check; one of rows of unequal lengths counts as (0,)."""
+    try:
+        return np.shape(given)
+    except ValueError:
+        return (0,)
+
+
 def _checked(given: ContactSet, field: str = "contacts") -> ContactSet:
+    """Return a contact set, which may be made by hand, after the checks of `contacts` (raises FieldError)."""
     instance(given, field, ContactSet, "the result of `stability.contacts`")
     n = np.size(given.mu)
-    for part, shape in (("position", (n, 3)), ("normal", (n, 3)), ("mu", (n,))):
-        array(getattr(given, part), f"{field}.{part}", shape, inf=part == "mu")
-    return given
+    if n > MAX_CONTACTS:
+        raise FieldError("too_many", field, f"got {n} contacts, at most {MAX_CONTACTS} are allowed")
+    p = array(given.position, f"{field}.position", (n, 3), "m", low=-MAX_COORDINATE, high=MAX_COORDINATE)
+    _together(p, f"{field}.position")
+    v = array(given.normal, f"{field}.normal", (n, 3))
+    for i in np.flatnonzero(np.abs((v * v).sum(axis=1) - 1.0) > UNIT):
+        text = f"got {v[i].tolist()}, expected a unit normal; `stability.contacts` takes any length"
+        raise FieldError("not_unit", f"{field}.normal", text)
+    return ContactSet(p, v, array(given.mu, f"{field}.mu", (n,), low=0.0, high=MAX_MU, inf=True))
+
+
+def _together(points: Array, field: str) -> None:
+    """Check that contacts (n, 3) m are not farther apart than a robot is long (raises FieldError)."""
+    if len(points) and np.ptp(points, axis=0).max() > WIDEST:
+        text = f"got points {np.ptp(points, axis=0).max():g} apart, allowed are {WIDEST:g} m; are these millimetres?"
+        raise FieldError("range", field, text)

@@ -9,7 +9,7 @@ bilinear; the outermost half cell continues the border value.
 import hashlib
 import math
 from base64 import b64decode
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, Self, cast, get_args
@@ -26,6 +26,9 @@ SMALLEST_CELL, WIDEST_CELL = 1e-6, 1e3
 """`SMALLEST_CELL`: smallest allowed edge of a map's cell, m; `WIDEST_CELL`: largest one, m; other maps are refused."""
 MAX_CELLS = 16_000_000
 """Largest allowed number of cells of a map (4000 x 4000, 64 MB); a larger map is refused."""
+
+LARGEST_PATCH = 3999
+"""Largest number of cells along an edge of a patch of a map, which is odd; a larger patch is refused."""
 
 Interpolation = Literal["bilinear", "nearest"]
 """Ways by which a height between the centres of cells is computed."""
@@ -88,10 +91,20 @@ class HeightMap:
     def _numbers(name: str, value: object) -> NDArray[np.float32]:
         """Return a copy of a field as float32 of its shape (raises HeightMapError: no numbers)."""
         try:
+            if np.iscomplexobj(value) or np.ma.is_masked(value):
+                raise TypeError("complex or masked")
             with np.errstate(over="ignore"):  # what overflows is infinite, and refused as such
                 return np.array(value, dtype=np.float32, order="C", copy=True)
         except (TypeError, ValueError):
             raise HeightMapError(name, f"got {shown(value)}, expected numbers in m") from None
+
+    @staticmethod
+    def _argument(check: Callable[..., Any], value: Any, *wanted: Any, **limits: Any) -> Any:
+        """Return an argument after a check of `surefoot.arguments` with what it wants (raises HeightMapError)."""
+        try:
+            return check(value, *wanted, **limits)
+        except FieldError as error:
+            raise HeightMapError(error.field, error.message) from None
 
     # --- geometry -----------------------------------------------------------------------------------------------
 
@@ -108,8 +121,17 @@ class HeightMap:
         return (x0, y0, x0 + (nx - 1) * self.cell, y0 + (ny - 1) * self.cell)
 
     def index(self, x: float, y: float) -> tuple[int, int]:
-        """Return (row, col) of the cell that holds the point (x, y), m, frame `map`; it may lie outside the map."""
-        return (self._nearest(y, self.origin[1]), self._nearest(x, self.origin[0]))
+        """Return (row, col) of the cell that holds the point (x, y), m, frame `map`; it may lie outside the map.
+
+        Raises:
+            HeightMapError: x or y is no finite number.
+        """
+        try:
+            return (self._nearest(y, self.origin[1]), self._nearest(x, self.origin[0]))
+        except (TypeError, ValueError, OverflowError):
+            self._argument(number, x, "x", "m")
+            self._argument(number, y, "y", "m")
+            raise
 
     def inside(self, row: int, col: int) -> bool:
         """Return True if the cell (row, col) belongs to the map."""
@@ -161,16 +183,22 @@ class HeightMap:
         return cells.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x), float(y))
 
     def patch(self, x: float, y: float, n: int) -> NDArray[np.float32]:
-        """Return a copy of the n x n heights about the cell that holds (x, y) m, n odd, (n, n) m; NaN outside the map.
+        """Return a copy of the n x n heights about the cell that holds (x, y) m, n odd, (n, n) m, frame `map`.
+
+        They are NaN outside the map, all of them where x or y is NaN or infinite.
 
         Raises:
-            HeightMapError: n is even or below 1.
+            HeightMapError: n is no odd whole number from 1 to 3999; x or y is no number.
         """
-        if n < 1 or n % 2 == 0:
+        size = self._argument(whole, n, "n", low=1, high=LARGEST_PATCH)
+        if size % 2 == 0:
             raise HeightMapError("n", f"a patch has an odd number of cells, got {n!r}")
-        out = np.empty((n, n), dtype=np.float32)
-        row, col = self.index(x, y) if math.isfinite(x) and math.isfinite(y) else (-n - 1, -n - 1)
-        cells.patch(self.z, row - n // 2, col - n // 2, out)
+        place = self._argument(array, (x, y), "x, y", (2,), "m", nan=True, inf=True)
+        out = np.full((size, size), np.nan, dtype=np.float32)
+        if np.isfinite(place).all():
+            row, col = self.index(*place.tolist())
+            if -size < row < self.shape[0] + size and -size < col < self.shape[1] + size:
+                cells.patch(self.z, row - size // 2, col - size // 2, out)
         return out
 
     def dilated(self, radius: float) -> "HeightMap":
@@ -234,10 +262,13 @@ class HeightMap:
         """Return a map of the same grid with other heights z, (ny, nx) m; `version`: None keeps the present one.
 
         Raises:
-            HeightMapError: z has another shape.
+            HeightMapError: z are no numbers or infinite, or have another shape; a version that is no whole number.
         """
-        if z.shape != self.z.shape:
-            raise HeightMapError("z", f"must keep the shape {self.z.shape}, got {z.shape}")
+        given = getattr(z, "shape", None)
+        if given is None:
+            given = self._numbers("z", z).shape
+        if given != self.z.shape:
+            raise HeightMapError("z", f"must keep the shape {self.z.shape}, got {given}")
         return replace(self, z=z, version=self.version if version is None else version)
 
     # --- wire and files -----------------------------------------------------------------------------------------

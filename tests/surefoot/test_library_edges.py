@@ -1,6 +1,7 @@
 """Edges of the library: regions without bounds, legs with a common motor, names of files, words that are not known."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,55 @@ def test_maps_whose_names_have_a_dot_do_not_overwrite_each_other(tmp_path: Path)
     assert [name.name for name in names] == ["ground_0.05.npz", "ground_0.15.npz"]
     assert sorted(each.name for each in tmp_path.glob("*.json")) == ["ground_0.05.json", "ground_0.15.json"]
     assert [float(surefoot.terrain.load(name).z[0, 0]) for name in names] == [0.0, 1.0]
+
+
+LEVEL = surefoot.terrain.HeightMap(np.eye(5, dtype=np.float32), 0.1, (0.0, 0.0))
+THREE = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.0]])
+UP = np.tile([0.0, 0.0, 1.0], (3, 1))
+
+
+def hand_made(position: object = THREE, normal: object = UP, mu: object = (0.5, 0.5, 0.5)) -> float:
+    made = surefoot.stability.ContactSet(position, normal, mu)  # type: ignore[arg-type]
+    return surefoot.stability.margin(made, (0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("call", "field", "text"),
+    [
+        (lambda: LEVEL.index(math.nan, 0.0), "x", "got nan, expected finite numbers in m"),
+        (lambda: LEVEL.index(0.0, math.inf), "y", "got inf, expected finite numbers in m"),
+        (lambda: LEVEL.index("a", 0.0), "x", "got 'a', expected numbers in m"),
+        (lambda: LEVEL.index(0.0, (1.0, 2.0)), "y", "got shape (2,), expected one number in m"),
+        (lambda: LEVEL.patch("a", 0.0, 3), "x, y", "expected numbers in m"),
+        (lambda: LEVEL.patch(0.0, 0.0, 3.0), "n", "got 3.0, expected a whole number"),
+        (lambda: LEVEL.patch(0.0, 0.0, 10**6 + 1), "n", "got 1000001, allowed is 1 to 3999"),
+        (lambda: LEVEL.patch(0.0, 0.0, math.nan), "n", "got nan, expected a whole number"),
+        (lambda: LEVEL.with_z([[0.0, 1.0]]), "z", "must keep the shape (5, 5), got (1, 2)"),
+        (lambda: LEVEL.with_z("a"), "z", "got 'a', expected numbers in m"),
+        (lambda: LEVEL.with_z(np.eye(5) * 1j), "z", "expected numbers in m"),
+        (lambda: LEVEL.with_z(LEVEL.z, version=1.5), "version", "got 1.5, expected a whole number"),
+        (lambda: hand_made(normal=2.0 * UP), "where.normal", "got [0.0, 0.0, 2.0], expected a unit normal"),
+        (lambda: hand_made(mu=(0.5, -0.5, 0.5)), "where.mu", "got -0.5 at [1], allowed is 0 to 10000, or inf"),
+        (lambda: hand_made(mu=(0.5, math.nan, 0.5)), "where.mu", "got nan at [1]"),
+        (lambda: hand_made(100.0 * THREE), "where.position", "got points 20 apart, allowed are 10 m; are these mill"),
+        (lambda: hand_made(np.zeros((65, 3)), np.zeros((65, 3)), np.ones(65)), "where", "got 65 contacts, at most 64"),
+        (lambda: surefoot.stability.contacts(THREE, friction=[0.5, [0.5]]), "friction", "expected numbers"),
+    ],
+)  # fmt: skip
+def test_what_is_no_place_of_a_map_and_no_contact_is_refused_with_its_value(
+    call: Callable[[], object], field: str, text: str
+) -> None:
+    with pytest.raises(FieldError) as refused:
+        call()
+    assert refused.value.field == field
+    assert text in str(refused.value)
+
+
+def test_places_far_outside_of_a_map_are_allowed() -> None:
+    assert LEVEL.index(1e300, 0.0)[1] > 1e300
+    assert np.isnan(LEVEL.patch(1e300, 0.0, 3)).all()
+    assert (LEVEL.with_z(np.zeros((5, 5)).tolist()).z == 0.0).all()  # pyright: ignore[reportArgumentType]
+    assert hand_made(THREE.tolist(), UP.tolist()) == hand_made()
 
 
 def test_an_unknown_interpolation_is_refused() -> None:
