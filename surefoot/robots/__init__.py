@@ -14,6 +14,7 @@ from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.robot import kinematics
 from surefoot.robot.description import Robot, RobotError
+from surefoot.robot.reach import why_missed
 from surefoot.robot.reader import load_robot as load
 from surefoot.robot.reader import robot_names as names
 
@@ -45,7 +46,8 @@ def joints(robot: Robot, feet: ArrayLike) -> Array:
     """Return joint angles, (nj,) rad, at which the foot centres are at `feet`.
 
     Args:
-        robot: description; legs without a closed form are solved step by step from the neutral stance.
+        robot: description; legs without a closed form are solved step by step from the neutral stance, others with
+            knee and foot on the sides of that stance.
         feet: foot centres in base_link, (L, 3) m.
 
     Raises:
@@ -56,6 +58,8 @@ def joints(robot: Robot, feet: ArrayLike) -> Array:
     if not reached.all():
         leg = int((~reached).argmax())
         text = f"got {wanted[leg].tolist()} m, out of reach of leg {robot.leg_names[leg]} within its joint limits"
+        if reason := why_missed(robot.model, leg, wanted[leg]):
+            text += f", {reason}"
         raise FieldError("range", f"feet.{leg}", text)
     missed = np.sqrt(((kinematics.foot_positions(robot.model, q) - wanted) ** 2).sum(axis=1))
     if missed.max() > MISSED_M:  # a motor that moves two legs, as the Nao's hips

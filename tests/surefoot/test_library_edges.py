@@ -9,6 +9,8 @@ import pytest
 
 import surefoot
 from surefoot.errors import FieldError
+from surefoot.robot import kinematics
+from surefoot.robot.reach import KNEE, why_missed
 
 WALLS = {
     "a line": ([(-0.4, 0.0, 0.0), (0.4, 0.0, 0.0)], [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]),
@@ -73,6 +75,22 @@ def test_legs_that_share_a_motor_are_refused_places_that_they_miss() -> None:
     turned = feet + np.array(((0.03, 0.02, 0.0), (0.0, 0.0, 0.0)))
     with pytest.raises(FieldError, match=r"misses by|out of reach"):
         surefoot.robots.joints(nao, turned)
+
+
+def test_a_place_that_only_the_other_bend_or_side_reaches_is_refused_for_that() -> None:
+    """Knee down, or the foot behind the first axis: the angles exist, and the closed form has others."""
+    ragno = surefoot.robots.load("ragno")
+    behind = surefoot.robots.feet(ragno, np.tile([0.5, -0.8, -2.0], 6))
+    with pytest.raises(FieldError, match="out of reach of leg lf within its joint limits, as its foot always stays"):
+        surefoot.robots.joints(ragno, behind)
+    far = surefoot.robots.feet(ragno, surefoot.robots.stance(ragno)) + 1.0
+    with pytest.raises(FieldError, match=r"out of reach of leg lf within its joint limits$"):
+        surefoot.robots.joints(ragno, far)
+    loose = ragno.model._replace(upper=np.full(18, 2.0), lower=np.tile([-1.0, -0.5, -0.5], 6))
+    down = kinematics.foot_positions(loose, np.tile([0.0, 0.2, 0.9], 6))
+    assert why_missed(loose, 0, down[0]) == KNEE
+    with pytest.raises(FieldError, match=r"leg left_leg .*by steps from the neutral stance"):
+        surefoot.robots.joints(surefoot.robots.load("bioloid"), np.full((2, 3), 1.0))
 
 
 def test_maps_whose_names_have_a_dot_do_not_overwrite_each_other(tmp_path: Path) -> None:
