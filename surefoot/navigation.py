@@ -20,7 +20,7 @@ from surefoot.errors import FieldError
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.navigator.belief import ukf
 from surefoot.services.navigator.planning.costs import WIDEST, Clearance, prepare
-from surefoot.services.navigator.planning.grid import FloorGrid, grid_of
+from surefoot.services.navigator.planning.grid import LARGEST_CELL, FloorGrid, grid_of
 from surefoot.services.navigator.planning.map_files import load
 from surefoot.services.navigator.planning.route import PlannedRoute, RouteLimits
 from surefoot.services.navigator.planning.route import plan as plan_route
@@ -33,6 +33,8 @@ LONGEST_MOTION = 100.0
 """Largest motion of one prediction, m; a longer one is refused, as probably in millimetres."""
 BESIDE = 0.2
 """Distance to an obstacle beyond the robot's radius, m, below which a route costs more."""
+FINEST = 1e-3
+"""Smallest edge of a cell on which routes are planned, m; a grid of smaller ones is refused."""
 WIDEST_TURN = 6.3
 """Largest absolute angle, rad; a larger one is refused, as probably in degrees."""
 
@@ -121,18 +123,19 @@ def grid(
         origin: lower left corner of an array, (2,) m, frame map.
 
     Raises:
-        SurefootError: `source` is none of these.
+        SurefootError: `source` is none of these, or its cells are smaller than 1 mm or larger than 10 m.
     """
     if isinstance(source, HeightMap):
-        return grid_of(source)
+        return _fine(grid_of(source), "source.cell")
     if isinstance(source, str | PathLike):
-        return load(file_path(source, "source"))
+        return _fine(load(file_path(source, "source")), "source.cell")
     cells = array(source, "source", ("ny", "nx"), low=-1.0, high=100.0)
     if not np.array_equal(cells, np.rint(cells)) or cells.max(initial=0.0) == 1.0:
         most = f"got values up to {cells.max():g}"
         raise FieldError("range", "source", f"{most}, expected -1 = unknown and whole percents, 100 = occupied")
     x, y = array(origin, "origin", (2,), "m", low=-FAR, high=FAR).tolist()
-    return FloorGrid(cells.astype(np.int8), number(cell, "cell", "m", low=1e-4, high=10.0), (x, y))
+    edge = number(cell, "cell", "m", low=FINEST, high=LARGEST_CELL)
+    return FloorGrid(cells.astype(np.int8), edge, (x, y))
 
 
 def plan(
@@ -141,7 +144,7 @@ def plan(
     """Return the cheapest route between two points: `waypoints` (n, 2) m, `length`, `clearance`.
 
     Args:
-        floor: of `grid`.
+        floor: of `grid`; cells of 1 mm to 10 m.
         start: (2,) m, frame map.
         goal: (2,) m, frame map.
         radius: of the robot, m.
@@ -151,10 +154,17 @@ def plan(
         SurefootError: a point is blocked or outside, or no way leads there; names the nearest free place.
     """
     instance(floor, "floor", FloorGrid, "the result of `navigation.grid`")
+    _fine(floor, "floor.cell")
     (x0, y0), (x1, y1) = array(start, "start", (2,), "m").tolist(), array(goal, "goal", (2,), "m").tolist()
     keep = number(radius, "radius", "m", low=0.0, high=max(0.0, (WIDEST - 1) * floor.cell - BESIDE))
     costs = prepare(floor, Clearance(radius=keep, comfort=keep + BESIDE), lasting=False)
     return plan_route(costs, (x0, y0), (x1, y1), RouteLimits(leg=number(leg, "leg", "m", low=1e-3, high=1e3)))
+
+
+def _fine(floor: FloorGrid, field: str) -> FloorGrid:
+    """Return a grid after a check that routes can be planned on cells of its size (raises FieldError)."""
+    number(floor.cell, field, "m", low=FINEST, high=LARGEST_CELL)
+    return floor
 
 
 def _pose(pose: ArrayLike) -> Array:

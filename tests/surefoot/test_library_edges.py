@@ -150,6 +150,25 @@ def test_places_far_outside_of_a_map_are_allowed() -> None:
     assert hand_made(THREE.tolist(), UP.tolist()) == hand_made()
 
 
+def test_a_grid_that_no_plan_takes_is_refused_by_both() -> None:
+    free = np.zeros((30, 30), dtype=np.int8)
+    fine = surefoot.terrain.HeightMap(np.zeros((30, 30), dtype=np.float32), 9e-4)
+    for call, field in (
+        (lambda: surefoot.navigation.grid(free, 9e-4), "cell"),
+        (lambda: surefoot.navigation.grid(fine), "source.cell"),
+        (
+            lambda: surefoot.navigation.plan(surefoot.navigation.FloorGrid(free, 9e-4), (0.0, 0.0), (0.01, 0.01)),
+            "floor",
+        ),
+    ):
+        with pytest.raises(FieldError, match=r"got 0.0009, allowed is 0.001 to 10 m") as refused:
+            call()
+        assert refused.value.field.startswith(field)
+    smallest = surefoot.navigation.grid(free, 1e-3)
+    route = surefoot.navigation.plan(smallest, (0.01, 0.01), (0.02, 0.02), radius=0.0)
+    assert route.length == pytest.approx(0.01 * math.sqrt(2.0), abs=1e-3)
+
+
 def test_an_unknown_interpolation_is_refused() -> None:
     ground = surefoot.terrain.HeightMap(np.eye(2, dtype=np.float32), 0.1, (0.0, 0.0))
     with pytest.raises(FieldError, match=r"got 'cubic', known are bilinear, nearest"):
