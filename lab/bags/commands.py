@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -51,7 +52,8 @@ def import_log(
     from surefoot.robot.reader import load_robot
 
     from .fit import fitted, save_calibration
-    from .importing import record
+    from .importing import check_out, record
+    from .raw import TABLES
     from .ros import BagTopics
 
     use_json(json)
@@ -64,7 +66,11 @@ def import_log(
         imu, joints, None if contacts is None else FieldPath.of(contacts), _words(joint_names), _words(feet),
         clock == "record", sort,
     )  # fmt: skip
+    if wanted.contacts is not None and log.suffix.lower() in TABLES:
+        got = wanted.contacts.topic
+        raise SurefootError("invalid", f"got {got!r}; {log.name} is a table, whose columns are read", "contacts")
     path = out or Path(f"{log.resolve().stem}.mcap")
+    check_out(path)
     with Progress(f"{log.name} to {path.name}", reads=[log]) as progress:
         made = fitted(_read(log, wanted), description, stated, imu_frame)
         player = record(made, robot, path, progress.at)
@@ -80,28 +86,25 @@ def import_log(
         write_json({**facts, "refused": refused, "notes": made.notes, "files": files})
         return
     rows = [(key.replace("_", " "), f"{value:.6g}") for key, value in facts.items()]
-    write_table(("quantity", "value"), [*rows, *((f"refused: {key}", str(n)) for key, n in refused.items())])
-    for note in made.notes:
+    _show([*rows, *((f"refused: {key}", str(n)) for key, n in refused.items())], made.notes, files)
+
+
+def _show(rows: list[tuple[str, str]], notes: list[str], files: list[str]) -> None:
+    """Print what was imported as a table of quantities and values, its notes and files; the first is the recording."""
+    write_table(("quantity", "value"), rows)
+    for note in notes:
         write(f"note  {note}")
     for each in files:
         write(f"file  {each}")
-    write(f"next: surefoot report {path}, surefoot estimate {path}")
+    write(f"next: surefoot report {quote(files[0])}, surefoot estimate {quote(files[0])}")
 
 
 def _read(log: Path, wanted: "BagTopics") -> "RawLog":
     """Return the raw log of a bag or table, with the names of joints and feet from the options, if given."""
-    from surefoot.errors import SurefootError
-
     from .raw import TABLES, log_of_table
     from .ros import log_of_bag
 
-    if log.suffix.lower() not in TABLES:
-        raw = log_of_bag(log, wanted)
-    elif wanted.contacts is None:
-        raw = log_of_table(log, wanted.sort)
-    else:
-        got = wanted.contacts.topic
-        raise SurefootError("invalid", f"got {got!r}; {log.name} is a table, whose columns are read", "contacts")
+    raw = log_of_table(log, wanted.sort) if log.suffix.lower() in TABLES else log_of_bag(log, wanted)
     raw.joint_names, raw.feet_names = wanted.joint_names or raw.joint_names, wanted.feet or raw.feet_names
     return raw
 
@@ -147,9 +150,10 @@ def export_recording(
     with Progress(f"{file.name} to {to}", reads=[file]) as progress:
         from surefoot.record.recording import open_readable
 
-        from .exporting import SUFFIXES, export
+        from .exporting import SUFFIXES, check_out, export
 
         target = out or file.with_name(f"{file.stem}{SUFFIXES.get(to, '') or '-bag'}")
+        check_out(to, target)
         recording = open_readable(file)
         path = export(recording, to, target, robot, progress.at)
     for note in recording.notes:

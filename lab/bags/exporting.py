@@ -37,6 +37,15 @@ Share = Callable[[float], None]
 """Progress function, called with the finished share of the work, 0 to 1."""
 
 
+def check_out(kind: str, out: Path) -> None:
+    """Raise SurefootError if a format `kind` is no key of `FORMATS`, or if the file or folder `out` exists."""
+    if kind not in FORMATS:
+        hint = did_you_mean(kind, FORMATS)
+        raise SurefootError("invalid", f"got {kind!r}{hint}, allowed are {', '.join(FORMATS)}", "to")
+    if out.exists():
+        raise SurefootError("invalid", f"{out} exists; allowed is a new path (--out)", "out")
+
+
 def export(
     recording: Path | ReadableRecording,
     kind: str,
@@ -56,11 +65,7 @@ def export(
     Raises:
         SurefootError: the format is unknown, `out` exists, the recording cannot be read, or is of another robot.
     """
-    if kind not in FORMATS:
-        hint = did_you_mean(kind, FORMATS)
-        raise SurefootError("invalid", f"got {kind!r}{hint}, allowed are {', '.join(FORMATS)}", "to")
-    if out.exists():
-        raise SurefootError("invalid", f"{out} exists; allowed is a new path (--out)", "out")
+    check_out(kind, out)
     opened = open_readable(recording)
     description = robot_for(opened, robot)
     out.parent.mkdir(parents=True, exist_ok=True)

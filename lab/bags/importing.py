@@ -72,6 +72,14 @@ def _merged(log: RobotLog) -> list[tuple[int, int, int]]:
     )
 
 
+def check_out(out: Path) -> None:
+    """Raise SurefootError if the recording of a log cannot be written to `out`: a name without .mcap, or one taken."""
+    if out.suffix.lower() != ".mcap":
+        raise SurefootError("invalid", f"got {str(out)!r}, allowed is a file *.mcap", "out")
+    if out.exists():
+        raise SurefootError("invalid", f"{out} exists; allowed is a new file (--out)", "out")
+
+
 def record(log: RobotLog, robot: str, out: Path, progress: Callable[[float], None] = lambda share: None) -> Player:
     """Write a log as a recording, with the estimates and margins of the services, completely or not at all.
 
@@ -85,10 +93,9 @@ def record(log: RobotLog, robot: str, out: Path, progress: Callable[[float], Non
         The driver that played the log, with the number of samples it refused.
 
     Raises:
-        SurefootError: `out` exists, or the log has fewer than `FEWEST_ROWS` inertial samples.
+        SurefootError: `out` exists or is no *.mcap, or the log has fewer than `FEWEST_ROWS` inertial samples.
     """
-    if out.exists():
-        raise SurefootError("invalid", f"{out} exists; allowed is a new file (--out)", "out")
+    check_out(out)
     if len(log.imu.stamp_ns) < FEWEST_ROWS:
         text = f"got {len(log.imu.stamp_ns)} inertial rows, wanted are {FEWEST_ROWS} or more"
         raise SurefootError("invalid", text, "imu")

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from shlex import quote
 from typing import NamedTuple
 
 import numpy as np
@@ -87,7 +88,8 @@ def log_of_table(path: Path, sort: bool) -> RawLog:
     """
     columns = read_table(path, sort)
     if "joints" not in columns:
-        text = f"{path} has no joint angles (joint_<name>); `surefoot estimate {path}` reads logs of feet without them"
+        other = f"`surefoot estimate {quote(str(path))}` reads logs of feet without them"
+        text = f"{path} has no joint angles (joint_<name>); {other}"
         raise SurefootError("invalid", text, "joints")
     stamps = np.asarray(columns["foot_stamp_ns"], dtype=np.int64)
     log = RawLog(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from surefoot.bus.ros_messages import stamp_of
 from surefoot.errors import SurefootError
 from surefoot.nearest import did_you_mean
-from surefoot.record.fields import FieldPath
+from surefoot.record.fields import USUAL, FieldPath
 
 from .raw import RawLog, Stream, Transform, in_order
 
@@ -84,6 +84,8 @@ def log_of_bag(path: Path, wanted: BagTopics) -> RawLog:
         contacts = (wanted.contacts.topic,) if wanted.contacts else ()
         for topic, kind in ((wanted.imu, IMU), (wanted.joints, JOINTS), *((topic, "") for topic in contacts)):
             _check_topic(reader, path, topic, kind)
+        if wanted.contacts is not None:
+            _check_contacts(reader, wanted.contacts)
         found = _Collected(wanted)
         for topic, arrival, message in bag_messages(reader, path, {wanted.imu, wanted.joints, *contacts}):
             found.take(topic, arrival, message)
@@ -105,6 +107,20 @@ def _check_topic(reader: Any, path: Path, topic: str, kind: str) -> None:
         fit = sorted({c.topic for c in reader.connections if c.msgtype == kind})
         text = f"{topic} is a {kinds[0]}, wanted is {kind}" + (f": {', '.join(fit)}" if fit else "")
         raise SurefootError("invalid", text, topic)
+
+
+def _check_contacts(reader: Any, wanted: FieldPath) -> None:
+    """Raise SurefootError if the messages of the topic of foot forces or flags are of a type that holds none."""
+
+    def usual(kind: str) -> bool:
+        names = {name for name, _ in reader.typestore.fielddefs.get(kind, ((), ()))[1]}
+        return kind != TRANSFORMS and (not names or not names.isdisjoint(USUAL))
+
+    kind = next(c.msgtype for c in reader.connections if c.topic == wanted.topic)
+    if kind == TRANSFORMS or not (wanted.fields or usual(kind)):
+        fit = sorted({c.topic for c in reader.connections if usual(c.msgtype)})
+        text = f"{wanted.topic} is a {kind}, allowed are types with a field {', '.join(USUAL[:-1])} or {USUAL[-1]}"
+        raise SurefootError("invalid", text + (f": {', '.join(fit)}" if fit else ""), wanted.topic)
 
 
 def bag_messages(reader: Any, path: Path, topics: set[str]) -> Iterator[tuple[str, int, Any]]:

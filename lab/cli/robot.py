@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -61,7 +62,7 @@ def import_file(
     write_table(("what", "of the robot"), rows)
     write(f"against MuJoCo: {_words(worst)}")
     place = out if out.is_absolute() else f"./{out}"
-    write(f"next: surefoot robot check {place}")
+    write(f"next: surefoot robot check {quote(str(place))}")
 
 
 @app.command()
@@ -121,7 +122,7 @@ def check(
     else:
         write_table(("quantity", "value"), rows)
         if imported:
-            write(f"next: surefoot run stand --robot {name}")
+            write(f"next: surefoot run stand --robot {quote(name)}")
 
 
 def _write(name: str, out: Path | None, suffix: str, force: bool, make: Callable[["Robot", Path], object]) -> None:

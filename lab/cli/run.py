@@ -5,6 +5,7 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -79,7 +80,7 @@ def run(
         outcome = conduct(loaded, compose, options, line.notify, line.show)
     _show(outcome, json=json)
     if robot is not None and scenario == "stand" and outcome.verdict.ok and not json and load_robot(robot).nlegs >= 4:
-        write(f"next: surefoot run crawl-flat --robot {robot}")
+        write(f"next: surefoot run crawl-flat --robot {quote(robot)}")
     if outcome.interrupted:
         raise typer.Exit(EXIT_INTERRUPT)
     if not outcome.verdict.ok:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..cli.completion import robots
-from ..cli.output import Json, use_json, write, write_json, write_table
+from ..cli.output import Json, refuse_existing, use_json, write, write_json, write_table
 from ..cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -51,6 +51,10 @@ def estimate(
 ) -> None:
     """Estimate velocity, tilt and path from a log, with covariance and flags; errors where the log has truth."""
     use_json(json)
+    if out is not None:
+        if calibrate:
+            raise typer.BadParameter("--calibrate only reports, and writes no files", param_hint="--out")
+        refuse_existing(out, force=True, folder=True)
     with Progress(f"estimate of {log.name}", reads=[log]) as progress:
         from .calibration_report import checked, show
         from .feet import FeetOptions

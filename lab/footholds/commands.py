@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..cli.completion import robots
-from ..cli.output import Json, use_json, write, write_answer, write_json, write_table
+from ..cli.output import Json, refuse_existing, use_json, write, write_answer, write_json, write_table
 from ..cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -137,6 +137,7 @@ def learn(
 ) -> None:
     """Learn a slip model from samples; the size of the fit is chosen by cross-validation over trials."""
     use_json(json)
+    refuse_existing(out, force=True)
     with Progress(f"slip model {title}", reads=samples) as progress:
         from dataclasses import asdict
 
@@ -216,6 +217,7 @@ def merge(
     from surefoot.services.footholds.models.files import load, save
 
     use_json(json)
+    refuse_existing(out, force=True)
     model = joined(load(first), load(second), weight)
     save(model, out)
     write_answer(
@@ -304,6 +306,7 @@ def score(
     from .scored import read_map, save_scored, score_map
 
     use_json(json)
+    refuse_existing(out, force=True)
     found, heights = _load(model), read_map(map)
     stroke = (-0.025 * math.cos(heading), -0.025 * math.sin(heading), 0.0)
     scored = score_map(heights, found, found.conditions.foot_radius, stroke, found.conditions.smooth)

@@ -1,6 +1,7 @@
 """Commands `surefoot security init|renew|show`: certificates and access rules of a system."""
 
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -41,7 +42,7 @@ def init(
         write_json({"folder": str(folder), "identities": [one.identity for one in found]})
         return
     write(f"{folder}: certificates of {', '.join(one.identity for one in found)}")
-    write(f"start the system with `surefoot up {system} --secure`; keep {folder / 'ca.key'} to yourself")
+    write(f"start the system with `surefoot up {quote(system)} --secure`; keep {folder / 'ca.key'} to yourself")
 
 
 @app.command()

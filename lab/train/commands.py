@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..cli.output import Json, near, notify, use_json, write_json, write_table
+from ..cli.output import Json, near, notify, refuse_existing, use_json, write_json, write_table
 from ..cli.progress import Progress
 from .evaluate import evaluate, model_of
 
@@ -50,6 +50,7 @@ def navigator(
         raise SurefootError("invalid", f"got {str(out)!r}, allowed is a file *.npz", "out")
     if not out.parent.is_dir():
         raise SurefootError("invalid", f"folder {str(out.parent)!r} does not exist", "out")
+    refuse_existing(out, force=True)
     kept = "nothing was written"
     if policy == "sarsa":
         kept = f"checkpoints are kept beside {near(out)}, and --resume goes on from them"

@@ -19,7 +19,7 @@ from .model import Region, Solved
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
 
-CLOSE = 1e-9  # m; nearer to a region without bounds than that is inside
+TOUCHING = 1e-9  # m; nearer to a region without bounds than that is inside
 RAYS = 64  # directions in which the edge of a region without bounds is searched first
 ON_EDGE = 1e-12  # m; a distance below it is zero (points and segments have no inside)
 
@@ -73,7 +73,7 @@ def _to_the_edge(region: Region, point: Array) -> float:
     A point within 1 nm of the region lies on its edge.
     """
     outside = apart([region], point)
-    if outside > CLOSE:
+    if outside > TOUCHING:
         return -outside
 
     def reach(angle: float) -> float:
@@ -81,7 +81,7 @@ def _to_the_edge(region: Region, point: Array) -> float:
         try:
             found = extent(region, point, ray)
         except StabilityError:  # of a region as thin as a line
-            end = farthest([region], ray, CLOSE, point)
+            end = farthest([region], ray, TOUCHING, point)
             return math.inf if end is None else max(0.0, dot(end - point, ray))
         if found.status == "missed":  # from a point on the edge
             return 0.0
@@ -90,7 +90,7 @@ def _to_the_edge(region: Region, point: Array) -> float:
     step = 2.0 * math.pi / RAYS
     reaches = [reach(step * k) for k in range(RAYS)]
     nearest = int(np.argmin(reaches))
-    if reaches[nearest] <= 2.0 * CLOSE:
+    if reaches[nearest] <= 2.0 * TOUCHING:
         return 0.0
     if not math.isfinite(reaches[nearest]):
         return math.inf

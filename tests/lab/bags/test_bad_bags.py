@@ -43,6 +43,31 @@ def test_near_names_of_topics_and_joints_are_suggested(good: Path) -> None:
     assert "did you mean" in refusal(good, replace(TOPICS, joint_names=wrong))
 
 
+def test_a_topic_that_can_hold_no_feet_is_named_with_its_type(good: Path, tmp_path: Path) -> None:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    from .sway import messages
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    rows = messages(SHORT, store, NAMES)
+    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
+    tree = store.types["tf2_msgs/msg/TFMessage"]([])
+    with Writer(tmp_path / "tree.bag") as writer:
+        for topic, found in {**rows, "/tf": [(SHORT.stamp_ns[0], tree)]}.items():
+            link = writer.add_connection(topic, found[0][1].__msgtype__, typestore=store)
+            for stamp, message in found:
+                writer.write(link, int(stamp), store.serialize_ros1(message, message.__msgtype__))
+    allowed = "allowed are types with a field data, contacts, foot_force or effort: /feet, /joint_states"
+    for path, topic, kind in (
+        (tmp_path / "tree.bag", "/tf", "tf2_msgs/msg/TFMessage"),
+        (tmp_path / "tree.bag", "/tf.transforms", "tf2_msgs/msg/TFMessage"),
+        (good, "/imu/data", "sensor_msgs/msg/Imu"),
+    ):
+        found = refusal(path, replace(TOPICS, contacts=FieldPath.of(topic)))
+        assert found == f"{topic.partition('.')[0]} is a {kind}, {allowed}"
+
+
 def test_another_robot_is_named(good: Path) -> None:
     assert "messor" in refusal(good, robot="messor")
 

@@ -71,6 +71,15 @@ def test_ros2_bag_and_table_give_the_bits_of_the_ros1_bag(
     same(walk, folder / "table.mcap")
 
 
+def test_the_next_commands_of_a_file_with_a_space_can_be_pasted(
+    walk: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = folder / "a b.mcap"
+    code, shown, wrong = surefoot(capsys, "bag", "import", walk.with_suffix(".bag"), "--robot", ROBOT, "-o", out)
+    assert code == 0, wrong
+    assert shown.endswith(f"next: surefoot report '{out}', surefoot estimate '{out}'\n")
+
+
 def test_the_estimate_moves_as_the_robot_did_and_equals_that_over_the_recording(
     walk: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

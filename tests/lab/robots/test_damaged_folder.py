@@ -44,6 +44,11 @@ def test_a_sound_folder_is_accepted(in_process, folder):
     assert in_process("robot", "check", folder)[1].endswith(f"next: surefoot run stand --robot {folder}\n")
 
 
+def test_the_next_command_of_a_folder_with_a_space_can_be_pasted(in_process, sound, tmp_path):
+    folder = shutil.copytree(sound, tmp_path / "my bot")
+    assert in_process("robot", "check", folder)[1].endswith(f"next: surefoot run stand --robot '{folder}'\n")
+
+
 @pytest.mark.parametrize("name", [TOML, FILE, SOURCE])
 @pytest.mark.parametrize("kind", ["missing", "junk", "empty", "folder", "cut"])
 def test_a_file_that_is_none_is_named(in_process, folder, name, kind):
