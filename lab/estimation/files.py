@@ -11,7 +11,7 @@ from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.record.columns import FEET_METADATA, Columns
 from surefoot.record.recording import open_readable
-from surefoot.record.tables import read_table
+from surefoot.record.tables import read_table, unread
 from surefoot.robot.description import Robot
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import contact_points
@@ -66,8 +66,7 @@ def open_log(
         recording = open_readable(path)
         log, notes = log_of_recording(recording, robot), recording.notes
     else:
-        description = None if robot is None else load_robot(robot)
-        log, notes = log_of_table(path.stem, read_table(path, sort), description, feet)
+        log, notes = _of_table(path, sort, None if robot is None else load_robot(robot), feet)
     check_units(log)
     if path.suffix.lower() != ".mcap":
         notes += check_kinematics(log)
@@ -92,6 +91,23 @@ def open_log(
     if aligning:
         return Opened(aligned(log, found), notes, found)
     return Opened(log, notes + found.notes(float(np.median(np.diff(log.seconds)))))
+
+
+def _of_table(path: Path, sort: bool, robot: Robot | None, feet: FeetOptions) -> tuple[Log, tuple[str, ...]]:
+    """Return the log of a CSV or NPZ file, and notes that name arrays of an NPZ that are not read.
+
+    Raises:
+        SurefootError: the file is no log; the text ends with those arrays where the name of one is nearly known.
+    """
+    columns = read_table(path, sort)
+    others = unread(path)
+    try:
+        log, notes = log_of_table(path.stem, columns, robot, feet)
+    except SurefootError as error:
+        if "did you mean" in others:
+            raise SurefootError(error.code, f"{error.message}; {others}", error.field) from None
+        raise
+    return log, (*notes, others) if others else notes
 
 
 def log_of_table(

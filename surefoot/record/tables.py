@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from surefoot.arrays import Ints
 from surefoot.disk import regular_size
 from surefoot.errors import SurefootError
+from surefoot.nearest import did_you_mean, nearest
 from surefoot.npz import BROKEN_NPZ, damage_of
 from surefoot.record.columns import METADATA, SHAPES, Columns
-from surefoot.record.csv_table import read_csv
+from surefoot.record.csv_table import SHOWN, read_csv
 from surefoot.schemas.base import UNIT_WITHIN
 
 ALIASES = {
@@ -18,6 +19,8 @@ ALIASES = {
     "p": "true_position", "R": "true_rotation", "v": "true_velocity",
 }  # fmt: skip
 """Name of a column in this project, by the alternative name that it may have in an NPZ file."""
+NAMES = tuple(dict.fromkeys((*SHAPES, *METADATA, "joint_names", *ALIASES)))
+"""Names of the arrays of an NPZ log that are read; others are left alone."""
 FASTEST_S, SLOWEST_S = 5e-5, 0.5
 """`FASTEST_S`: shortest allowed median step between inertial rows of a log, s; `SLOWEST_S`: longest one, s; a log
 outside of these is refused."""
@@ -214,6 +217,22 @@ def _check_range(feet: NDArray[np.float64], imu: NDArray[np.float64], key: str, 
         raise SurefootError("invalid", f"{text}: another clock", key)
 
 
+def unread(path: Path) -> str:
+    """Return a note on the arrays of a readable NPZ log that are not read, with near names and those that are.
+
+    Empty: all are read, or the file is no NPZ.
+    """
+    if path.suffix.lower() != ".npz":
+        return ""
+    with np.load(path, allow_pickle=False) as file:
+        others = [key for key in file.files if key not in NAMES]
+    if not others:
+        return ""
+    shown = ", ".join(f"{key[:60]!r}{did_you_mean(key, NAMES)}" for key in others[:SHOWN])
+    more = ", ..." if len(others) > SHOWN else ""
+    return f"not read of {path.name}: {shown}{more}; read are {', '.join(NAMES)}"
+
+
 def _from_npz(path: Path) -> Columns:
     try:
         regular_size(path)
@@ -228,8 +247,11 @@ def _from_npz(path: Path) -> Columns:
                     named = name == "joints" and values.dtype.kind in "US"  # some logs call their names so
                     columns["joint_names" if named else name] = values
             if "gyro" not in columns:
-                text = f"{path} has no gyro; it has {', '.join(file.files) or 'nothing'}. Known names: docs/estimate.md"
-                raise SurefootError("invalid", text[:1000], "gyro")
+                near = nearest("gyro", file.files)
+                hint = f" (is it {near!r}?)" if near else ""
+                text = f"{path} has no gyro{hint}; it has {', '.join(file.files) or 'nothing'}"
+                text = f"{text[:900]}. Known names: docs/estimate.md"
+                raise SurefootError("invalid", text, "gyro")
     except OSError as error:
         if error.strerror is None:
             raise SurefootError("malformed", f"{path} {damage_of(path)}", "log") from None

@@ -161,6 +161,17 @@ def test_stamps_that_repeat_are_counted(walk, tmp_path):
     assert track("ekf", log).refused == {"imu_duplicate": 1}
 
 
+def test_arrays_of_an_npz_that_are_not_read_are_named_with_near_names(tmp_path):
+    path = save_npz(noisy(), tmp_path / "log.npz")
+    assert not any("not read" in note for note in open_log(path).notes)
+    columns = dict(np.load(path))
+    np.savez(path, **columns, tru_position=columns["true_position"], mood=np.zeros(3))
+    (note,) = (note for note in open_log(path).notes if "not read" in note)
+    assert note.startswith("not read of log.npz: 'tru_position' (did you mean 'true_position'?), 'mood'; read are t, ")
+    np.savez(path, **columns, feet="ball", foot_radus=0.02)
+    assert "'foot_radus' (did you mean 'foot_radius'?)" in refused(path).message
+
+
 def test_the_reader_is_told_by_the_suffix(tmp_path):
     assert refused(tmp_path / "none.npz").code == "invalid"
     (tmp_path / "log.bag").write_bytes(b"x")
