@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from os import PathLike
 from typing import Any
 
-from surefoot.arguments import file_path
+from surefoot.arguments import file_path, instance
 from surefoot.client import topic_named
 from surefoot.errors import SurefootError
 from surefoot.lab.report.why import Explanation, explain
@@ -27,6 +27,7 @@ def messages(path: str | PathLike[str], *keys: str) -> Iterator[Message]:
         SurefootError: an unknown key, a file that cannot be read, a message that does not fit its topic.
     """
     for key in keys:
+        instance(key, "keys", str, "keys of topics, each an argument of its own")
         topic_named(key)
     return (item.message() for item in read_recording(file_path(path, "path"), keys or None) if item.model is not None)
 

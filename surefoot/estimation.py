@@ -35,11 +35,15 @@ if TYPE_CHECKING:
     from surefoot.lab.estimation.results import Result
 
 __all__ = [
-    "Estimator", "ExternalSample", "InputResult", "OdometryPose", "StrictEstimator", "VelocityAndTilt", "estimator",
-    "names", "run",
+    "CountingEstimator", "Estimator", "ExternalSample", "InputResult", "OdometryPose", "StrictEstimator",
+    "VelocityAndTilt", "estimator", "names", "run",
 ]  # fmt: skip
 
 MOST_FEET = 16
+FARTHEST = 10.0
+"""Largest absolute coordinate of a foot from the IMU, m; a larger one is refused, as probably in millimetres."""
+UNSQUARE = 0.01
+"""Largest difference of R R' of a foot's rotation R from the unit matrix, by element; a larger one is refused."""
 ROUNDING = 1e-6
 """Tolerance of a contact probability below 0 and above 1, no unit; beyond it the contact is refused."""
 _OF_STAMPS = (InputResult.DUPLICATE, InputResult.BACKWARD, InputResult.LATE, InputResult.AHEAD)
@@ -56,12 +60,43 @@ _ALLOWED = {
 }
 
 
-class StrictEstimator(Estimator):
+class CountingEstimator(Estimator):
+    """An `Estimator` that returns the reason for each sample it refuses, and counts it; nothing raises but wrong types.
+
+    A stamp, flag, name or sample of another type is an error of the program that feeds it: a FieldError (`type`).
+    """
+
+    def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
+        """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; return the result."""
+        if not isinstance(clipped, bool | np.bool_ | int | np.integer) or not 0 <= clipped <= 1:
+            raise FieldError("type", "clipped", f"got {shown(clipped)}, expected True or False")
+        return super().imu(whole(stamp_ns, "stamp_ns", "ns"), w, q, bool(clipped))
+
+    def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
+        """Take joint angles (nj,) rad and contacts by foot (L,) or switch (L, S), None = unknown; return the result."""
+        return super().joints(whole(stamp_ns, "stamp_ns", "ns"), q, contact)
+
+    def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
+        """Take foot centres (L, 3) m, rot_imu_from_foot (L, 3, 3) and contacts, as `Estimator`; return the result."""
+        return super().feet(whole(stamp_ns, "stamp_ns", "ns"), position, rot, contact)
+
+    def external(self, stamp_ns: int, sample: ExternalSample) -> InputResult:
+        """Take a pose, heading or velocity of another source, which holds at `stamp_ns`, ns; return the result."""
+        instance(sample, "external", ExternalSample, "an ExternalSample")
+        return super().external(whole(stamp_ns, "stamp_ns", "ns"), sample)
+
+    def estimate(self, name: str = BEST) -> VelocityAndTilt:
+        """Return the present estimate of the estimator `name` (raises FieldError: none of that name runs)."""
+        instance(name, "name", str, "the name of an estimator that runs")
+        return super().estimate(name)
+
+
+class StrictEstimator(CountingEstimator):
     """An `Estimator` that raises a FieldError for each sample it refuses; the next samples are used as usual."""
 
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
         """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; raise FieldError if refused."""
-        result = super().imu(whole(stamp_ns, "stamp_ns", "ns"), w, q, clipped)
+        result = super().imu(stamp_ns, w, q, clipped)
         if result is InputResult.SHAPE:
             _refuse("imu", result, f"w {_form(w)} and q {_form(q)}", "w (3,) rad/s and q (3,) m/s^2")
         if result is InputResult.SATURATED:
@@ -80,7 +115,7 @@ class StrictEstimator(Estimator):
             raise FieldError("range", "joints", text)
         _check_contact("joints", contact)
         try:
-            result = super().joints(whole(stamp_ns, "stamp_ns", "ns"), q, contact)
+            result = super().joints(stamp_ns, q, contact)
         except FieldError as error:
             if error.field != "feet":
                 raise
@@ -100,10 +135,14 @@ class StrictEstimator(Estimator):
             contact: flag or probability of each foot, (L,), or of each switch, (L, S); None = no sensor.
 
         Raises:
-            FieldError: they are refused.
+            FieldError: they are refused, also a foot more than 10 m away, or a matrix that is no rotation.
         """
         _check_contact("feet", contact)
-        result = super().feet(whole(stamp_ns, "stamp_ns", "ns"), position, rot, contact)
+        if wrong := _outside("position", position, -FARTHEST, FARTHEST):
+            text = f"got {wrong} m, allowed are positions within +-{FARTHEST:g} m; are these millimetres?"
+            raise FieldError("range", "feet", text)
+        _check_rotations(rot)
+        result = super().feet(stamp_ns, position, rot, contact)
         if result is InputResult.SHAPE:
             got = f"position {_form(position)}, rot {_form(rot)} and contact {_form(contact)}"
             _refuse("feet", result, got, f"position (L, 3), rot (L, 3, 3) and {self._contact_form}")
@@ -121,8 +160,7 @@ class StrictEstimator(Estimator):
         Raises:
             FieldError: it is refused.
         """
-        instance(sample, "external", ExternalSample, "an ExternalSample")
-        result = super().external(whole(stamp_ns, "stamp_ns", "ns"), sample)
+        result = super().external(stamp_ns, sample)
         if not result.accepted:
             _refuse("external", result, *_wrong_part(sample, stamp_ns, result))
         return result
@@ -141,15 +179,16 @@ def estimator(
         robot: name, path or description; None for feet that are given as positions.
         feet: their number, without a robot.
         refused: policy for a sample that cannot be used: raise a FieldError, or return the reason, count it and go on.
-        names: estimators that run, of `names()`.
+        names: estimators that run; of `names()` those that need no whole log: all but the last ones, which `run` alone
+            has for comparison.
 
     Raises:
-        FieldError: unknown names, or neither robot nor feet.
+        FieldError: unknown names, names of `run` alone, or neither robot nor feet.
     """
-    kind = StrictEstimator if choice(refused, "refused", ("raise", "count")) == "raise" else Estimator
+    kind = StrictEstimator if choice(refused, "refused", ("raise", "count")) == "raise" else CountingEstimator
     if not np.iterable(names) or not (listed := tuple(names)):
         raise FieldError("missing", "names", f"got {shown(names)}, expected names of estimators")
-    chosen = tuple(choice(name, "names", NAMES) for name in listed)
+    chosen = tuple(_live(name) for name in listed)
     if (robot is None) == (feet is None):
         raise FieldError("missing", "robot, feet", f"got {shown(robot)} and {shown(feet)}, expected one of both")
     if robot is None:
@@ -192,10 +231,18 @@ def run(
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of all estimators that `run` accepts, including those only for comparison."""
+    """Return the names of all estimators that `run` accepts: those of `estimator`, then those of `run` alone."""
     from surefoot.lab.estimation.track import names
 
     return names()
+
+
+def _live(name: Any) -> str:
+    """Return the name of an estimator that runs sample by sample (raises FieldError: another name)."""
+    if isinstance(name, str) and name not in NAMES and name in names():
+        only = f"got {name!r}, which only `estimation.run` has, known here are {', '.join(NAMES)}"
+        raise FieldError("unknown_name", "names", only)
+    return choice(name, "names", NAMES)
 
 
 def _accepted(field: str, result: InputResult, stamp_ns: int, given: Any) -> InputResult:
@@ -241,6 +288,19 @@ def _check_contact(field: str, contact: Any) -> None:
     if wrong := _outside("contact", contact, -ROUNDING, 1.0 + ROUNDING):
         text = f"got {wrong}, allowed are flags or probabilities, 0 to 1, NaN = unknown"
         raise FieldError("range", field, text)
+
+
+def _check_rotations(rot: Any) -> None:
+    """Raise FieldError (`rotation`) if one of the matrices (L, 3, 3) is no rotation; unknown ones are NaN."""
+    found = _numbers(rot)
+    if found.ndim != 3 or found.shape[1:] != (3, 3):
+        return  # refused by its shape
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs((found[:, :, None] * found[:, None]).sum(axis=-1) - np.eye(3)).max(axis=(1, 2))
+        turned = (np.cross(found[:, 0], found[:, 1]) * found[:, 2]).sum(axis=1)
+    for i in np.flatnonzero((off > UNSQUARE) | (turned < 0.0)).tolist():
+        text = f"got rot[{i}] = {found[i].tolist()}, allowed are rotations: rows of length 1 at right angles, no mirror"
+        raise FieldError("rotation", "feet", text)
 
 
 def _wrong_part(sample: ExternalSample, stamp_ns: int, result: InputResult) -> tuple[str, str]:

@@ -169,6 +169,48 @@ def test_a_grid_that_no_plan_takes_is_refused_by_both() -> None:
     assert route.length == pytest.approx(0.01 * math.sqrt(2.0), abs=1e-3)
 
 
+TURNS = np.tile(np.eye(3), (4, 1, 1))
+SAMPLE = surefoot.estimation.ExternalSample(yaw=0.0, yaw_variance=1.0)
+
+
+def live(refused: str = "raise") -> surefoot.estimation.Estimator:
+    return surefoot.estimation.estimator(feet=4, refused=refused)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("call", "field", "text"),
+    [
+        (lambda: live().feet(0, np.full((4, 3), 200.0), TURNS), "feet", "position[0, 0] = 200 m, allowed are"),
+        (lambda: live().feet(0, np.zeros((4, 3)), 0.0 * TURNS), "feet", "got rot[0] = [[0.0, 0.0, 0.0]"),
+        (lambda: live().feet(0, np.zeros((4, 3)), -TURNS), "feet", "allowed are rotations: rows of length 1"),
+        (lambda: live().feet(0, np.zeros((4, 3)), 1e200 * TURNS), "feet", "got rot[0] = [[1e+200"),
+        (lambda: live().imu(0, (0, 0, 0), (0, 0, 9.8), b"x"), "clipped", "got b'x', expected True or False"),  # type: ignore[arg-type]
+        (lambda: live("count").imu("a", (0, 0, 0), (0, 0, 9.8)), "stamp_ns", "got 'a'"),  # type: ignore[arg-type]
+        (lambda: live("count").imu(0.5, (0, 0, 0), (0, 0, 9.8)), "stamp_ns", "got 0.5"),  # type: ignore[arg-type]
+        (lambda: live("count").feet(None, np.zeros((4, 3)), TURNS), "stamp_ns", "got None"),  # type: ignore[arg-type]
+        (lambda: live("count").external(0, None), "external", "got None, expected an ExternalSample"),  # type: ignore[arg-type]
+        (lambda: live("count").external("a", SAMPLE), "stamp_ns", "got 'a'"),  # type: ignore[arg-type]
+        (lambda: live("count").estimate(np.zeros((2, 2))), "name", "expected the name of an estimator"),  # type: ignore[arg-type]
+        (lambda: surefoot.estimation.estimator(feet=4, names=("inekf",)), "names", "which only `estimation.run` has"),
+        (lambda: surefoot.bags.messages("no.mcap", ["state/velocity"]), "keys", "got ['state/velocity']"),  # type: ignore[arg-type]
+    ],
+)  # fmt: skip
+def test_what_is_no_sample_is_refused_at_the_border(call: Callable[[], object], field: str, text: str) -> None:
+    with pytest.raises(FieldError) as refused:
+        call()
+    assert refused.value.field == field
+    assert text in str(refused.value)
+
+
+def test_unknown_feet_and_rotations_of_few_digits_are_taken() -> None:
+    turn = np.array([[0.707, -0.707, 0.0], [0.707, 0.707, 0.0], [0.0, 0.0, 1.0]])
+    for rot in (np.tile(turn, (4, 1, 1)), np.full((4, 3, 3), math.nan)):
+        one = live("count")
+        assert one.imu(0, (0, 0, 0), (0, 0, 9.8), True) is surefoot.estimation.InputResult.SATURATED
+        assert one.feet(0, np.zeros((4, 3)), rot) is live().feet(0, np.zeros((4, 3)), np.tile(turn, (4, 1, 1)))
+    assert set(surefoot.estimation.names()) > {"best", "inekf"}
+
+
 def test_an_unknown_interpolation_is_refused() -> None:
     ground = surefoot.terrain.HeightMap(np.eye(2, dtype=np.float32), 0.1, (0.0, 0.0))
     with pytest.raises(FieldError, match=r"got 'cubic', known are bilinear, nearest"):
