@@ -18,6 +18,8 @@ from surefoot.bus.codec import refusal_of
 from surefoot.bus.elsewhere import others_running
 from surefoot.bus.endpoint import checked, to_connect
 from surefoot.bus.interface import Delivery
+from surefoot.bus.knock import nothing_listens
+from surefoot.bus.options import why_not_open
 from surefoot.bus.zenoh import ZenohBus, client_options
 from surefoot.client_arguments import key_part, wait_s
 from surefoot.errors import BusError, CallError, FieldError, Refusal, SurefootError, shown
@@ -233,9 +235,12 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
 
     Raises:
         FieldError: `robot` or `fleet` is no name that keys can hold; the name of a robot that does not run is one.
-        BusError: no router answers.
+        BusError: no router answers: after 1.5 s where all connections are refused, after 8 s where nothing answers.
         ConfigError: the value given is no endpoint, or SUREFOOT_SECRET is no secret.
     """
     prefix = f"{key_part(fleet, 'fleet', 'surefoot')}/{key_part(robot, 'robot', 'ragno')}"
     where = to_connect() if endpoint is None or endpoint == "" else checked("endpoint", endpoint)
-    return Client(ZenohBus(client_options(where, prefix)))
+    options = client_options(where, prefix)
+    if nothing_listens(where):
+        raise BusError("no_bus", why_not_open(options))
+    return Client(ZenohBus(options))

@@ -119,8 +119,10 @@ def lifts(contacts: ContactSet, com: ArrayLike) -> Array:
     """
     known = _checked(contacts)
     found = what_if(known, _place(com, known))
-    pairs = zip(found.status[1:].tolist(), found.margin[1:].tolist(), strict=True)
-    return np.array([_defined(STATUSES[status], value) for status, value in pairs], dtype=np.float64)
+    statuses: list[int] = found.status[1:].tolist()
+    values: list[float] = found.margin[1:].tolist()
+    left = [_defined(STATUSES[status], value) for status, value in zip(statuses, values, strict=True)]
+    return np.array(left, dtype=np.float64)
 
 
 def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array | None:

@@ -148,15 +148,15 @@ def zenoh_config(endpoint: ZenohOptions, name: str = "") -> zenoh.Config:
     return config
 
 
-def why_not_open(endpoint: ZenohOptions, error: str) -> str:
-    """Return an error message on why a session could not be opened and what to do."""
+def why_not_open(endpoint: ZenohOptions, error: str = "") -> str:
+    """Return an error message on why a session could not be opened and what to do; `error`: of the network library."""
     addresses: Sequence[str] = endpoint.listen if endpoint.mode == "router" else endpoint.connect
     where = ", ".join(addresses)
     if endpoint.mode == "router" and "in use" in error:
         return f"cannot listen on {where}: another router holds it (stop it, or choose another with --listen)"
     if endpoint.mode == "router":
         return f"cannot open a router on {where} for {endpoint.namespace!r}: {error}"
-    why = "" if error.startswith("Unable to connect") else f": {error}"
+    why = f": {error}" if error and not error.startswith("Unable to connect") else ""
     return (
         f"no router answers at {where} (start one with `surefoot up`, or name another with --connect or "
         f"SUREFOOT_CONNECT){why}"

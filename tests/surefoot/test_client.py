@@ -1,17 +1,21 @@
 """The public client: wrong names are reported, topics are read and queries called in a few lines."""
 
 import asyncio
+import socket
 import threading
+import time
 from typing import Any
 
 import pytest
 
+from surefoot.bus.knock import nothing_listens
 from surefoot.client import Client, connect, make_request, query_named, topic_named
 from surefoot.client_async import AsyncClient
 from surefoot.errors import BusError, CallError, ConfigError, FieldError, SurefootError
 from surefoot.schemas.stability import RegionReply
 from surefoot.schemas.state import VelocityEstimate
 from surefoot.schemas.topics import HEALTH, STABILITY_REGION, STATE_VELOCITY
+from tests.ports import free_address
 from tests.surefoot.expect import expect_error
 from tests.surefoot.net import WAIT_S, Net, matched, reached, serve
 from tests.surefoot.toys import estimate
@@ -81,6 +85,25 @@ def test_without_an_endpoint_the_environment_names_the_router(
     monkeypatch.setenv(variable, "garbage")
     with pytest.raises(ConfigError, match=f"{variable}: got 'garbage', expected tcp/"):
         connect()
+
+
+def test_where_nothing_listens_a_client_does_not_wait_long() -> None:
+    address, begin = free_address(), time.monotonic()
+    with expect_error(BusError, "no_bus", text=f"no router answers at {address}"):
+        connect(endpoint=address)
+    assert 1.0 < time.monotonic() - begin < 3.0
+
+
+def test_a_router_that_begins_to_listen_and_one_that_is_silent_are_waited_for() -> None:
+    host, port = "127.0.0.1", int(free_address().rpartition(":")[2])
+    late = threading.Timer(0.4, lambda: opened.append(socket.create_server((host, port))))
+    opened: list[socket.socket] = []
+    late.start()
+    assert not nothing_listens(f"tcp/{host}:{port}")
+    late.join()
+    opened[0].close()
+    assert nothing_listens(f"tcp/{host}:{port}", 0.2)
+    assert not nothing_listens("ws/127.0.0.1:1")
 
 
 def test_silence_ends_after_the_time_given(net: Net) -> None:

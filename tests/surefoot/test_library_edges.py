@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,7 +102,7 @@ def test_maps_whose_names_have_a_dot_do_not_overwrite_each_other(tmp_path: Path)
     assert [float(surefoot.terrain.load(name).z[0, 0]) for name in names] == [0.0, 1.0]
 
 
-LEVEL = surefoot.terrain.HeightMap(np.eye(5, dtype=np.float32), 0.1, (0.0, 0.0))
+LEVEL: Any = surefoot.terrain.HeightMap(np.eye(5, dtype=np.float32), 0.1, (0.0, 0.0))
 THREE = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.0]])
 UP = np.tile([0.0, 0.0, 1.0], (3, 1))
 
