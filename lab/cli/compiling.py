@@ -67,11 +67,20 @@ class CompiledShare:
         """Return the finished share of the compilations, 0 to 1; 0 while a kernel without a known cost is compiled."""
         if self._name not in self._left:
             return 0.0
-        names, cost = list(self._left), self._left[self._name]
+        before, here = self._spent()
+        return (before + min(here, MOST * self._left[self._name])) / sum(self._left.values())
+
+    @property
+    def late(self) -> bool:
+        """True if the present kernel takes longer than usual, so that the share stands still; else False."""
+        return self._name in self._left and self._spent()[1] > self._left[self._name]
+
+    def _spent(self) -> tuple[float, float]:
+        """Return the usual processor time, s, of the finished kernels, and that spent on the present one."""
+        names = list(self._left)
         before = sum(self._left[each] for each in names[: names.index(self._name)])
         pace = (self._since - self._began) / before if before >= PACED_S else 1.0  # of this machine, over the usual
-        here = min((self._clock() - self._since) / max(pace, 0.1), MOST * cost)
-        return (before + here) / sum(self._left.values())
+        return before, (self._clock() - self._since) / max(pace, 0.1)
 
 
 @contextmanager
@@ -91,7 +100,7 @@ def compilation_reported(notify: Callable[[str], None], chains: Sequence[Mapping
         while not over.wait(wait):
             if COMPILING.busy:
                 spent = time.monotonic() - start
-                notify(text or _line(share.now(), spent))
+                notify(text or _line(share, spent))
                 text, wait = "", min(EACH_S, max(SECOND_S, spent))
 
     def note(name: str) -> None:
@@ -109,7 +118,11 @@ def compilation_reported(notify: Callable[[str], None], chains: Sequence[Mapping
             watcher.join()
 
 
-def _line(share: float, spent: float) -> str:
-    if share < LEAST_SHARE:
+def _line(share: CompiledShare, spent: float) -> str:
+    """Return a progress line: kernels, share and time left, or the time spent, s, where that is more than usual."""
+    done = share.now()
+    if share.late:
+        return f"  compiling for {spent:.0f} s, longer than usual"
+    if done < LEAST_SHARE:
         return f"  {COMPILING.done} kernels after {spent:.0f} s"
-    return f"  compiling: {100.0 * share:.0f} %, about {spent * (1.0 / share - 1.0):.0f} s left"
+    return f"  compiling: {100.0 * done:.0f} %, about {spent * (1.0 / done - 1.0):.0f} s left"

@@ -263,11 +263,14 @@ class _WarmProgress(Progress):
 
     def _write_due(self) -> None:
         with self._lock:
-            done = sum(map(_cost_s, self._done))
+            done, late = sum(map(_cost_s, self._done)), bool(self._running)
             for pid, (job, before) in tuple(self._running.items()):
-                done += min(busy_s([pid]) - before, 0.95 * _cost_s(job))
-            self._share = max(0.0, done / sum(map(_cost_s, self._jobs)))
-            self._step = f"{len(self._done)} of {len(self._jobs)} services"
+                spent = busy_s([pid]) - before
+                late = late and spent > _cost_s(job)
+                done += min(spent, 0.95 * _cost_s(job))
+            # without a share the time spent is shown: a share that stands still has no time left
+            self._share = 0.0 if late else max(0.0, done / sum(map(_cost_s, self._jobs)))
+            self._step = f"{len(self._done)} of {len(self._jobs)} services{', longer than usual' if late else ''}"
         super()._write_due()
 
 

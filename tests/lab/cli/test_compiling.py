@@ -2,6 +2,7 @@
 
 import re
 import threading
+import time
 from importlib import import_module
 
 import pytest
@@ -64,7 +65,9 @@ def test_the_share_is_that_of_the_kernels_processor_time_from_the_first_that_is_
     assert share.now() == pytest.approx(0.2)
     now = 24.0
     assert share.now() == pytest.approx(0.6)
+    assert not share.late
     now = 1000.0
+    assert share.late
     assert share.now() == pytest.approx((4.0 + 0.95 * 16.0) / 20.0)
 
 
@@ -75,20 +78,33 @@ def test_the_chain_that_begins_with_the_first_kernel_holds():
     assert share.now() == pytest.approx(0.9)
 
 
-def test_a_command_whose_kernels_are_known_states_share_and_time_left(lines, monkeypatch):
+@pytest.mark.parametrize(
+    ("cost", "word", "form"),
+    [
+        (2.0, "left", r"  compiling: \d+ %, about \d+ s left"),
+        (
+            1e-3,
+            "longer",
+            r"  compiling for \d+ s, longer than usual",
+        ),  # the estimate was too low: no share stands still
+    ],
+)
+def test_a_command_whose_kernels_are_known_states_share_and_time_left(lines, monkeypatch, cost, word, form):
     monkeypatch.setattr(compiling, "FIRST_S", 1e-3)
     stated = threading.Event()
 
     def note(line: str) -> None:
         lines.append(line)
-        if "left" in line:
+        if word in line:
             stated.set()
 
-    with compilation_reported(note, [{"f": 1e-3}]):
+    with compilation_reported(note, [{"f": cost}]):
         COMPILING.began("f")
-        assert stated.wait(60.0)
+        end = time.monotonic() + 60.0
+        while not stated.wait(1e-3) and time.monotonic() < end:
+            sum(range(10_000))  # processor time of this process
         COMPILING.ended("f")
-    assert re.fullmatch(r"  compiling: \d+ %, about \d+ s left", lines[-1])
+    assert re.fullmatch(form, next(line for line in lines if word in line))
 
 
 def test_kernels_with_a_cost_exist():

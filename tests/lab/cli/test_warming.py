@@ -64,6 +64,9 @@ def test_share_and_time_left_follow_the_processor_time_of_the_workers(monkeypatc
     busy += 0.5 * warming.COSTS_S["walker"]
     progress._write_due()
     assert re.fullmatch(r"compiling numeric kernels: 25 %, about \d+ s left \(0 of 2 services\)", lines[-1])
+    busy += 0.6 * warming.COSTS_S["walker"]
+    progress._write_due()
+    assert re.fullmatch(r"compiling numeric kernels: at work for 0 s \(0 of 2 services, longer than usual\)", lines[-1])
     progress.another(7, jobs[0])
     progress._write_due()
     assert "50 %" in lines[-1]
