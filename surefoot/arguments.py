@@ -17,6 +17,9 @@ from surefoot.nearest import did_you_mean
 
 WIDEST_ANGLE = 12.6
 """Largest absolute joint angle, rad; a larger one is refused, as probably in degrees."""
+FARTHEST_FOOT = 10.0
+"""Largest absolute coordinate of a foot in base_link or from the IMU, m; a larger one is refused, as probably in
+millimetres."""
 
 
 def array(

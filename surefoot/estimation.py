@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import WIDEST_ANGLE, choice, file_path, instance, number, shown, whole
+from surefoot.arguments import FARTHEST_FOOT, WIDEST_ANGLE, choice, file_path, instance, number, shown, whole
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.robot.description import Robot
@@ -40,8 +40,6 @@ __all__ = [
 ]  # fmt: skip
 
 MOST_FEET = 16
-FARTHEST = 10.0
-"""Largest absolute coordinate of a foot from the IMU, m; a larger one is refused, as probably in millimetres."""
 UNSQUARE = 0.01
 """Largest difference of R R' of a foot's rotation R from the unit matrix, by element; a larger one is refused."""
 ROUNDING = 1e-6
@@ -138,8 +136,8 @@ class StrictEstimator(CountingEstimator):
             FieldError: they are refused, also a foot more than 10 m away, or a matrix that is no rotation.
         """
         _check_contact("feet", contact)
-        if wrong := _outside("position", position, -FARTHEST, FARTHEST):
-            text = f"got {wrong} m, allowed are positions within +-{FARTHEST:g} m; are these millimetres?"
+        if wrong := _outside("position", position, -FARTHEST_FOOT, FARTHEST_FOOT):
+            text = f"got {wrong} m, allowed are positions within +-{FARTHEST_FOOT:g} m; are these millimetres?"
             raise FieldError("range", "feet", text)
         _check_rotations(rot)
         result = super().feet(stamp_ns, position, rot, contact)

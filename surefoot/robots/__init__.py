@@ -9,7 +9,7 @@ Angles in rad, positions in m, frame base_link, joints and legs in the order of 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import WIDEST_ANGLE, array, instance
+from surefoot.arguments import FARTHEST_FOOT, WIDEST_ANGLE, array, instance
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.robot import kinematics
@@ -19,9 +19,6 @@ from surefoot.robot.reader import load_robot as load
 from surefoot.robot.reader import robot_names as names
 
 __all__ = ["Robot", "RobotError", "com", "feet", "joints", "load", "names", "stance"]
-
-FARTHEST = 10.0
-"""Largest absolute coordinate of a foot in base_link, m; a larger one is refused, as probably in millimetres."""
 
 MISSED_M = 1e-6
 """Distance, m, of a foot from its wanted place from which on the joint angles are refused."""
@@ -53,7 +50,7 @@ def joints(robot: Robot, feet: ArrayLike) -> Array:
     Raises:
         FieldError: a shape, NaN or range, or a place that a leg cannot reach, alone or with the others.
     """
-    wanted = array(feet, "feet", (len(_known(robot).legs), 3), "m", low=-FARTHEST, high=FARTHEST)
+    wanted = array(feet, "feet", (len(_known(robot).legs), 3), "m", low=-FARTHEST_FOOT, high=FARTHEST_FOOT)
     q, reached = kinematics.legs_ik(robot.model, wanted)
     if not reached.all():
         leg = int((~reached).argmax())
