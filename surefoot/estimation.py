@@ -66,7 +66,8 @@ class CountingEstimator(Estimator):
 
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
         """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; return the result."""
-        if not isinstance(clipped, bool | np.bool_ | int | np.integer) or not 0 <= clipped <= 1:
+        flag: Any = clipped
+        if not isinstance(flag, bool | np.bool_ | int | np.integer) or not 0 <= flag <= 1:
             raise FieldError("type", "clipped", f"got {shown(clipped)}, expected True or False")
         return super().imu(whole(stamp_ns, "stamp_ns", "ns"), w, q, bool(clipped))
 

@@ -88,7 +88,7 @@ class HeightMap:
         object.__setattr__(self, "version", version)
 
     @staticmethod
-    def _numbers(name: str, value: object) -> NDArray[np.float32]:
+    def _numbers(name: str, value: Any) -> NDArray[np.float32]:
         """Return a copy of a field as float32 of its shape (raises HeightMapError: no numbers)."""
         try:
             if np.iscomplexobj(value) or np.ma.is_masked(value):
