@@ -8,7 +8,9 @@
 Poses are x, y in m and heading in rad, frame map.
 """
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 
 import numpy as np
@@ -76,6 +78,9 @@ class PoseFilter:
     ) -> None:
         """Predict pose and covariance after a motion of the robot.
 
+        The turn is spread over the motion, and so is its error: the end of the path errs to the side by half the error
+        of the turn times the distance, and is correlated with the heading by it (to first order).
+
         Args:
             forward: distance along the heading half-way through the turn, m.
             left: distance to the left of that heading, m.
@@ -89,7 +94,14 @@ class PoseFilter:
         side = number(left, "left", "m", low=-LONGEST_MOTION, high=LONGEST_MOTION)
         angle = number(turn, "turn", "rad", low=-WIDEST_TURN, high=WIDEST_TURN)
         noise = array(sd, "sd", (3,), "m, m, rad", low=0.0, high=LONGEST_MOTION)
+        half = float(self._mean[2]) + 0.5 * angle
         ukf.predict(self._mean, self._cov, ahead, side, angle, 0.0, np.append(noise * noise, 0.0), self._work)
+        c, s = 0.5 * math.cos(half), 0.5 * math.sin(half)
+        moves = np.array([-ahead * s - side * c, ahead * c - side * s, 0.0])  # m of x and y per rad of the turn
+        one = noise[2] * noise[2] * moves
+        self._cov += np.multiply.outer(one, moves)
+        self._cov[2] += one
+        self._cov[:, 2] += one
 
     def landmark(self, place: ArrayLike, distance: float, bearing: float, sd: ArrayLike = (0.05, 0.026)) -> float:
         """Correct the pose by a measured landmark, and return the normalised innovation squared (2 degrees of freedom).
@@ -141,7 +153,11 @@ def grid(
 def plan(
     floor: FloorGrid, start: Sequence[float], goal: Sequence[float], *, radius: float = 0.15, leg: float = 1.0
 ) -> PlannedRoute:
-    """Return the cheapest route between two points: `waypoints` (n, 2) m, `length`, `clearance`.
+    """Return the cheapest route between two points: `waypoints` (n, 2) m, `length` m, `clearance` m.
+
+    `clearance` is the exact least distance of the route, from its start on, from the squares of occupied or unknown
+    cells and from the edge of the grid, at most `radius` + 0.2 m. It may be less than `radius`, by up to one cell,
+    because routes are planned on cells, and by more where the start itself is too close to an obstacle.
 
     Args:
         floor: of `grid`; cells of 1 mm to 10 m.
@@ -158,7 +174,8 @@ def plan(
     (x0, y0), (x1, y1) = array(start, "start", (2,), "m").tolist(), array(goal, "goal", (2,), "m").tolist()
     keep = number(radius, "radius", "m", low=0.0, high=max(0.0, (WIDEST - 1) * floor.cell - BESIDE))
     costs = prepare(floor, Clearance(radius=keep, comfort=keep + BESIDE), lasting=False)
-    return plan_route(costs, (x0, y0), (x1, y1), RouteLimits(leg=number(leg, "leg", "m", low=1e-3, high=1e3)))
+    route = plan_route(costs, (x0, y0), (x1, y1), RouteLimits(leg=number(leg, "leg", "m", low=1e-3, high=1e3)))
+    return replace(route, clearance=costs.clearance_along(np.vstack((route.start, route.waypoints))))
 
 
 def _fine(floor: FloorGrid, field: str) -> FloorGrid:

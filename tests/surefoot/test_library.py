@@ -258,8 +258,8 @@ def test_numbers_are_those_of_the_services() -> None:
 
 def test_the_pose_filter_is_the_navigators() -> None:
     one, mean, cov, work = belief(), belief().pose, belief().covariance, ukf.work_space(3)
-    one.predict(forward=0.1, left=0.01, turn=0.2, sd=(0.01, 0.02, 0.03))
-    ukf.predict(mean, cov, 0.1, 0.01, 0.2, 0.0, np.array([1e-4, 4e-4, 9e-4, 0.0]), work)
+    one.predict(forward=0.1, left=0.01, turn=0.2, sd=(0.01, 0.02, 0.0))
+    ukf.predict(mean, cov, 0.1, 0.01, 0.2, 0.0, np.array([1e-4, 4e-4, 0.0, 0.0]), work)
     nis = one.landmark((1.0, 0.5), 1.1, 0.4, sd=(0.05, 0.02))
     seen = ukf.LandmarkSighting(1.0, 0.5, 1.1, 0.4, 0.0025, 0.0004)
     assert nis == pytest.approx(ukf.update(mean, cov, seen, np.zeros((2, 0)), work))
