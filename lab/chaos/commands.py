@@ -166,6 +166,7 @@ def _shrink(path: Path, scenario: "Scenario", run: "ChaosRun", draw: _Draw, out:
 def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: bool) -> range:
     """Check output folders and world and compile kernels before the first live run; return the seeds."""
     from surefoot.bus.endpoint import to_listen
+    from surefoot.services.supervisor.processes.ports import refuse_in_use
     from surefoot.services.supervisor.processes.startable import system_of
 
     from ..cli.before import check_system
@@ -176,6 +177,7 @@ def _prepared(scenario: "Scenario", seeds: range, options: "Options", *, force: 
         for number in seeds:
             refuse_existing(_folder(options.out, number), force=force, folder=True)
     compose = system_of(scenario, os.environ)
+    refuse_in_use(endpoint)
     check_system(compose, scenario.world, scenario.seed)
     warm_if_cold(compose, endpoint, notify)
     return seeds

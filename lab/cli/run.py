@@ -54,6 +54,7 @@ def run(
     """Run a scenario with every service live, check its limits, write a report. Exit code 1: a limit was not met."""
     from surefoot.bus.endpoint import to_listen
     from surefoot.robot.reader import load_robot
+    from surefoot.services.supervisor.processes.ports import refuse_in_use
     from surefoot.services.supervisor.processes.rundir import RunFolder
     from surefoot.services.supervisor.processes.session import namespace_of
     from surefoot.services.supervisor.processes.startable import system_of
@@ -73,6 +74,7 @@ def run(
         refuse_existing(out, force=force, folder=True)
     compose = system_of(loaded, os.environ)
     RunFolder(compose.name).refuse_held()
+    refuse_in_use(endpoint)
     check_system(compose, loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, endpoint, notify)
     options = Options(seed, record, rtf, strict, listen, out)

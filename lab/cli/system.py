@@ -60,6 +60,7 @@ def up(
     from surefoot.bus.endpoint import is_secure, secured, to_listen
     from surefoot.schemas.sim import World
     from surefoot.services.supervisor.processes.keep import StartOrder, keep, start_detached
+    from surefoot.services.supervisor.processes.ports import refuse_in_use
     from surefoot.services.supervisor.processes.rundir import RunFolder
     from surefoot.services.supervisor.processes.session import namespace_of
     from surefoot.services.supervisor.processes.startable import startable
@@ -76,6 +77,7 @@ def up(
         refuse_existing(record, force=force)
     compose = startable(system, environ=os.environ, robot=robot)
     RunFolder(compose.name).refuse_held()
+    refuse_in_use(listen or endpoint)
     files = {} if record is None else attached(compose)
     order = StartOrder(World(terrain=terrain), seed, rtf, record, None if robot is None else compose.robot, files)
     if not log:  # else `start_detached` runs this, after the same checks

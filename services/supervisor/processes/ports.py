@@ -1,10 +1,13 @@
 """Process that listens on a TCP port, from the kernel's socket tables and the open files of the user's processes."""
 
 import contextlib
+import errno
 import os
 import re
+import socket
 from pathlib import Path
 
+from surefoot.bus.options import ZenohOptions, why_not_open
 from surefoot.errors import BusError
 
 _LISTEN = "0A"  # state of a listening socket in /proc/net/tcp
@@ -35,6 +38,29 @@ def refuse_taken(endpoint: str, advice: str = "stop it, or choose another endpoi
     owner = owner_of(port) if port else ""
     if owner:
         raise BusError("busy", f"{endpoint} is taken by {owner}; {advice}")
+
+
+def refuse_in_use(endpoint: str) -> None:
+    """Raise BusError where a router could not listen on a TCP or TLS endpoint because its port is in use.
+
+    The port is bound for a moment, without listening. Another failure, as of an unknown host, is left to the router.
+
+    Raises:
+        BusError: `busy` with the owner's name, or `no_bus` where no process listens there, yet one has bound the port.
+    """
+    kind, _, place = endpoint.partition("/")
+    host, port = place.rpartition(":")[0].strip("[]"), port_of(endpoint)
+    if kind not in ("tcp", "tls") or port is None:
+        return
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host.encode(), port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the router: not while a link of it closes
+            probe.bind(address)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            refuse_taken(endpoint)
+            raise BusError("no_bus", why_not_open(ZenohOptions("router", (), (endpoint,)), "in use")) from None
 
 
 def ports_of(pid: int, *, beyond_loopback: bool = False) -> tuple[int, ...]:

@@ -1,6 +1,8 @@
 """A world that cannot be built, or a gait out of its limits, is refused before anything starts, with the limits."""
 
+import os
 import shutil
+import socket
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ from surefoot.lab.cli.before import check_world
 from surefoot.robot.profiles import CameraFile, DepthCameraFile, ImuFile, profile_names
 from surefoot.schemas.sim import World
 
+STARTS = ["up ragno", "up ragno -d", "run stand", "chaos stand --zenoh"]
 ROOT = Path(__file__).parents[3]
 
 
@@ -59,3 +62,33 @@ def test_a_gait_that_no_walker_takes_is_refused_before_anything_starts(complaint
     assert f"\n{old}" in content
     (folder / "robot.toml").write_text(content.replace(f"\n{old}", f"\n{new}"))
     assert words in complaint(*command.format(folder).split())
+
+
+@pytest.mark.parametrize("command", STARTS)
+@pytest.mark.parametrize("listens", [True, False])
+def test_a_taken_port_is_refused_before_any_work(complaint, listen, monkeypatch, command, listens):
+    for work in ("before.check_system", "warming.warm_if_cold"):
+        monkeypatch.setattr(f"surefoot.lab.cli.{work}", lambda *_: pytest.fail("works for a system that cannot start"))
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", int(listen.rpartition(":")[2])))
+        if listens:
+            taken.listen()
+        words = complaint(*command.split(), "--listen", listen, code=1)
+    owner, other = (
+        f"{listen} is taken by process {os.getpid()} (",
+        f"cannot listen on {listen}: another router holds it",
+    )
+    assert words.startswith(f"surefoot: {owner if listens else other}")
+    assert "another" in words
+    assert "with --listen" in words
+
+
+@pytest.mark.parametrize("command", STARTS)
+def test_a_port_that_another_address_listens_on_is_no_obstacle(in_process, listen, monkeypatch, command):
+    monkeypatch.setattr("surefoot.lab.cli.before.check_system", lambda *_: pytest.fail("the checks begin"))
+    port = int(listen.rpartition(":")[2])
+    with socket.create_server(("127.0.0.2", port)), pytest.raises(pytest.fail.Exception, match="the checks begin"):
+        in_process(*command.split(), "--listen", listen)
+    for _ in range(2):  # the probe leaves nothing behind
+        with pytest.raises(pytest.fail.Exception, match="the checks begin"):
+            in_process(*command.split(), "--listen", listen)
