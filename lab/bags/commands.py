@@ -9,7 +9,17 @@ import typer
 
 from ..cli.bag import app as bag
 from ..cli.completion import beginning, robots
-from ..cli.output import Json, notify, refuse_existing, use_json, write, write_answer, write_json, write_table
+from ..cli.output import (
+    Json,
+    notify,
+    refuse_existing,
+    refuse_unreachable,
+    use_json,
+    write,
+    write_answer,
+    write_json,
+    write_table,
+)
 from ..cli.progress import Progress
 
 if TYPE_CHECKING:
@@ -71,6 +81,7 @@ def import_log(
         raise SurefootError("invalid", f"got {got!r}; {log.name} is a table, whose columns are read", "contacts")
     path = out or Path(f"{log.resolve().stem}.mcap")
     check_out(path)
+    refuse_unreachable(path, makes_folders=True)
     with Progress(f"{log.name} to {path.name}", reads=[log]) as progress:
         made = fitted(_read(log, wanted), description, stated, imu_frame)
         player = record(made, robot, path, progress.at)
@@ -147,6 +158,8 @@ def export_recording(
 ) -> None:
     """Write a recording in a format of other programs."""
     use_json(json)
+    if out is not None:
+        refuse_unreachable(out, makes_folders=True)
     with Progress(f"{file.name} to {to}", reads=[file]) as progress:
         from surefoot.record.recording import open_readable
 

@@ -94,13 +94,33 @@ def refuse_existing(path: Path, *, force: bool, folder: bool = False) -> None:
 
     Raises:
         typer.BadParameter: the path is refused; the text names it.
+        NotADirectoryError: a file stands where the path needs a folder.
     """
+    refuse_unreachable(path, makes_folders=True)
     if path.exists() and path.is_dir() != folder:
         kinds = ("file", "folder") if folder else ("folder", "file")
         raise typer.BadParameter(f"{near(path)} is a {kinds[0]}, allowed is a {kinds[1]}")
     there = path.is_dir() and any(path.iterdir()) if path.is_dir() else path.exists()
     if there and not force:
         raise typer.BadParameter(f"{near(path)} exists; choose another name, or overwrite it with --force")
+
+
+def refuse_unreachable(path: Path, *, makes_folders: bool) -> None:
+    """Refuse a path to write to that lies in no folder, before the work whose result it is to hold.
+
+    Args:
+        path: file or folder that will be written.
+        makes_folders: True: the command makes folders that are missing on the way; False: the last one must be there.
+
+    Raises:
+        NotADirectoryError: a file stands where the path needs a folder.
+        FileNotFoundError: the folder is missing.
+    """
+    there = next((folder for folder in path.parents if folder.exists()), Path())
+    if not there.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path))
+    if there != path.parent and not makes_folders:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
 
 
 def write_json(content: Any) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .output import Json, near, refuse_existing, use_json, write, write_json
+from .output import Json, near, refuse_existing, refuse_unreachable, use_json, write, write_json
 from .progress import Progress
 
 
@@ -28,6 +28,7 @@ def render(
     use_json(json)
     kind_of(out)
     refuse_existing(out, force=force)
+    refuse_unreachable(out, makes_folders=False)
     with Progress(out.name, reads=[file]) as progress:
         from ..scene.render import Shot
         from ..scene.render import render as paint

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .output import EXIT_CHECK, Json, near, use_json, write_answer
+from .output import EXIT_CHECK, Json, near, refuse_unreachable, use_json, write_answer
 from .progress import Progress
 
 
@@ -23,6 +23,8 @@ def report(
     use_json(json)
     if out is not None and (out.suffix.lower() not in (".html", ".htm") or out.is_dir()):
         raise typer.BadParameter(f"got {near(out)}, allowed is a file *.html", param_hint="--out")
+    if out is not None:
+        refuse_unreachable(out, makes_folders=True)
     with Progress(f"report of {file.name}", reads=[file]) as progress:
         from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .completion import robots
-from .output import Json, near, refuse_existing, use_json, write, write_answer, write_json, write_table
+from .output import (
+    Json,
+    near,
+    refuse_existing,
+    refuse_unreachable,
+    use_json,
+    write,
+    write_answer,
+    write_json,
+    write_table,
+)
 
 if TYPE_CHECKING:
     from surefoot.robot.description import Robot
@@ -52,6 +62,7 @@ def import_file(
     use_json(json)
     file = source_file(source)
     out = out or Path(file.stem)
+    refuse_unreachable(out, makes_folders=True)
     made = import_robot(file, out)
     worst = differences(out)
     if json:
@@ -131,6 +142,7 @@ def _write(name: str, out: Path | None, suffix: str, force: bool, make: Callable
     robot = load_robot(name)
     out = out or Path(f"{robot.name}{suffix}")
     refuse_existing(out, force=force)
+    refuse_unreachable(out, makes_folders=False)
     make(robot, out)
     write_answer({"out": near(out)}, f"wrote {near(out)}")
 

@@ -1,6 +1,7 @@
 """Bad words and files end with exit code 2, one sentence that names them, and without a file that was not there."""
 
 import socket
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,7 +10,7 @@ from pydantic import ValidationError
 from surefoot.errors import Refusal
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli import warming
-from surefoot.lab.cli.output import fail
+from surefoot.lab.cli.output import fail, refuse_unreachable
 from surefoot.lab.cli.progress import Progress
 from surefoot.services.stability.config import StabilityConfig
 from surefoot.services.stability.programs.contacts import MAX_MU
@@ -111,6 +112,38 @@ def test_an_absent_file_is_refused_before_progress_is_reported(complaint, monkey
     found = complaint(*words.split())
     name = next(word for word in words.split() if word.startswith("missing"))
     assert found == f"surefoot: {name}: No such file or directory\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("report file.mcap -o file.csv/r.html", "Not a directory"),
+        ("render file.mcap -o file.csv/r.webp", "Not a directory"),
+        ("render file.mcap -o missing/r.webp", "No such file or directory"),
+        ("bag export file.mcap --to csv -o file.csv/r.csv", "Not a directory"),
+        ("bag import file.csv --robot ragno -o file.csv/r.mcap", "Not a directory"),
+        ("robot import missing.xml -o file.csv/folder/r", "Not a directory"),
+        ("robot show ragno -o file.csv/r.png", "Not a directory"),
+        ("robot show ragno -o missing/r.png", "No such file or directory"),
+        ("estimate file.mcap -o file.csv/r", "Not a directory"),
+        ("footholds learn file.csv -o file.csv/r.json", "Not a directory"),
+        ("run stand --out file.csv/r", "Not a directory"),
+        ("up ragno --record file.csv/r.mcap", "Not a directory"),
+    ],
+)
+def test_a_path_in_no_folder_is_refused_before_the_work(complaint, here, monkeypatch, words, why):
+    (here / "file.csv").write_text("")
+    monkeypatch.setattr(Progress, "__enter__", lambda _: pytest.fail("the work was begun"))
+    monkeypatch.setattr("surefoot.lab.report.robot_drawing.draw_robot", lambda *_: pytest.fail("the work was begun"))
+    assert complaint(*words.split()) == f"surefoot: {words.split()[-1]}: {why}\n"
+
+
+@pytest.mark.parametrize("path", ["r.html", "folder/r.html", "folder/new/further/r.html"])
+def test_a_path_in_a_folder_that_is_there_or_is_made_is_allowed(here, path):
+    for place in (Path(path), here / path):
+        refuse_unreachable(place, makes_folders=True)
+        if "new" not in path:
+            refuse_unreachable(place, makes_folders=False)
 
 
 def test_a_picture_is_whole_or_absent(answer, here, monkeypatch):
