@@ -107,16 +107,16 @@ def _solved(parts: Sequence[_Part], goal: Array, fixed: Array, values: Array) ->
         shift = np.vstack((np.zeros(size), part.place))
         near.append([sparse.csc_matrix(-np.roll(np.eye(3), 1, axis=0)), *before, sparse.csc_matrix(shift), *after])
         offset += [np.zeros(1), -part.zero]
-    sizes = [len(values) + sum(len(part.load) for part in parts)]
-    limits = np.zeros(sum(part.weights or 3 * part.cones for part in parts))
+    balanced = np.concatenate(right)
+    limits = np.concatenate([np.zeros(part.weights or 3 * part.cones) for part in parts])
     matrix = sparse.bmat([*equal, *signs, *near], format="csc")
-    cones = [clarabel.ZeroConeT(sizes[0]), *cones, *[clarabel.SecondOrderConeT(3)] * len(parts)]
+    cones = [clarabel.ZeroConeT(len(balanced)), *cones, *[clarabel.SecondOrderConeT(3)] * len(parts)]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
     unknowns = matrix.shape[1]
     cost = np.concatenate((goal, np.zeros(unknowns - 3)))
-    b = np.concatenate((*right, limits, *offset))
+    b = np.concatenate((balanced, limits, *offset))
     found = clarabel.DefaultSolver(sparse.csc_matrix((unknowns, unknowns)), cost, matrix, b, cones, settings).solve()
     if "DualInfeasible" in str(found.status):
         return np.full(3, math.inf)
