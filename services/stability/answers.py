@@ -212,8 +212,7 @@ def _region_fields(found: Region, proofs: bool, polygons: bool) -> dict[str, Any
         "outer": _pairs(found.outer) if polygons else (),
         "support": _support(found.support, proofs) if polygons else (),
         "gap": found.gap if math.isfinite(found.gap) else None,
-        "area": found.area,
-        "area_outer": found.area_outer,
+        **found.areas,
         "certificate": sinking if level else None,
         "twist": None if level else sinking,
     }

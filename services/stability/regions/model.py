@@ -125,3 +125,8 @@ class Region:
     def area_outer(self) -> float | None:
         """Area of the outer polygon, m^2; None if there is none."""
         return max(0.0, float(area(self.outer))) if len(self.outer) else None
+
+    @property
+    def areas(self) -> dict[str, float | None]:
+        """`area` and `area_outer` by these names, m^2."""
+        return {"area": self.area, "area_outer": self.area_outer}
