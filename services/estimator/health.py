@@ -97,8 +97,7 @@ flags_of = kernel(flags)
 
 @kernel
 def is_quiet(c: Condition) -> bool:
-    """Return True if all flags are true, no foot slips, inertial noise is low and no external sample was left out,
-    and no feet sink.
+    """Return True if all flags are true, feet neither slip nor sink, noise is low and no external sample was left out.
 
     Silent inputs and wrong units of sensors are not considered.
     """

@@ -188,7 +188,8 @@ def _stand_on(
         level: height h of the level in odom, m.
         known: its variance s, m^2.
         noise: variance n of the height of a step, m^2.
-        lag_s: time constant with which the velocity learns what is taken off the height, s; infinite: it does not.
+        lag_s: finite where feet sink: time constant, s, with which the velocity learns what is taken off the height;
+            no rotation is corrected then, for the foot that is taken first would turn the trunk at each step.
     """
     cov, height, n = state.cov, state.x[X.pos + 2], state.cov.shape[0]
     by, xi = np.empty(n), np.empty(n)

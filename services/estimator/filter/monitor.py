@@ -43,7 +43,7 @@ Feet = NDArray[np.int64]
 STILL_SHARE = 0.25
 """Share of the square of the way of a standing foot, as the gyro predicts it, below which the legs are still."""
 FALL_S = 0.7
-"""Time, s, in which that angle is reached at the earliest: by then a fall with still legs is over."""
+"""Least time, s, in which `CARRIED_TURN` is reached: a fall with still legs is over by then."""
 LEAST_TURN = 0.03
 """Rate of turning, rad/s, below which no legs count as still: the gyro's bias may show it."""
 CARRIED_TURN = 0.1
@@ -126,9 +126,9 @@ def carried(memory: Array) -> bool:
 
 @kernel
 def _held_turn(sensors: Array, samples: SampleStore, row: int, before: int, turn: Array, dt: float) -> float:
-    """Return the angle, rad, by which a robot turned with still legs between two rows of the feet, in a fall a part.
+    """Return the angle, rad, by which a robot turned with still legs between two rows of the feet.
 
-    Below 0: with legs that moved; 0: it hardly turned.
+    It is limited to the rate of `CARRIED_TURN` in `FALL_S`. Below 0: with legs that moved; 0: it hardly turned.
 
     Args:
         sensors: numbers of the sensors of each foot, (L, 38), columns as in `SensorLayout`.

@@ -296,15 +296,15 @@ class FixedNumbers(NamedTuple):
     sink_s: float = 2.0
     """Time constant, s, of the sums of landing heights that show sinking feet; longest time between two landings."""
     sink_least_s: float = 0.25
-    """Time, s, that counts without a rise before feet have landed often."""
+    """Time, s, added to that between landings in the speed of sinking; landings must show it for twice as long."""
     least_sink: float = 0.02
     """Speed of sinking, m/s, below which landings only scatter; half of it once feet sink."""
     sink_slope: float = 0.005
     """Slope of the ground, rad, that feet which stand at the same time may fail to show."""
     sink_slopes: float = 1.2
-    """Factor over the climb of a slope, from which on rising landings are no slope."""
+    """Ratio of the speed of sinking to the climb of the ground's slope at this speed, above which feet sink."""
     sink_walk: float = 1.5
-    """Random walk of a standing point along the vertical, m/sqrt(s), over the speed of sinking, m/s."""
+    """Random walk of the common height of standing points, m/sqrt(s), for each m/s of the speed of sinking."""
     level_gate: float = 4.0
     """Squared normalised height difference (1 degree of freedom, 95 %) up to which a step is on a ground level."""
     # hypotheses about sliding feet

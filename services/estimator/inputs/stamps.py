@@ -69,7 +69,10 @@ def late_by(stamps: Stamps, feet: Array) -> tuple[int, int]:
 
 @kernel
 def _exceeds(stamps: Stamps, row: int) -> bool:
-    """Return True if the step to a row of rising stamps (n,), ns, is long beside the usual steps and their spread."""
+    """Return True if the step to a row of rising stamps (n,), ns, is long beside the steps before it.
+
+    It exceeds their mean by `BEYOND_JITTER` times their mean distance from it.
+    """
     first, spread = max(row - EVEN_ROWS, 0), 0.0
     if row - first < 2:
         return True

@@ -10,7 +10,7 @@ from surefoot.geometry.linear import product, solve
 from surefoot.geometry.polygon import area
 
 from ..programs.contacts import ContactSet
-from ..programs.fan import Fan, insert, with_room
+from ..programs.fan import Fan, insert
 from ..programs.reduced import Reduced
 
 RegionStatus = Literal["ok", "infeasible", "unbounded", "point", "segment"]
@@ -80,7 +80,8 @@ class Solved:
         """
         if self.plane is None:
             return self
-        fan, count, matrix = with_room(self.fan, self.count, self.count), self.count, self.plane.matrix
+        count, matrix = self.count, self.plane.matrix
+        fan = Fan(*(part[:count].copy() for part in self.fan))
         direction = solve(matrix.T, fan.direction.T).T
         size = np.hypot(direction[:, 0], direction[:, 1])
         fan.direction[:], fan.value[:] = direction / size[:, None], fan.value / size
