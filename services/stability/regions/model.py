@@ -80,8 +80,12 @@ class Solved:
         """
         if self.plane is None:
             return self
-        count, matrix = self.count, self.plane.matrix
-        fan = Fan(*(part[:count].copy() for part in self.fan))
+        own, count, matrix = self.fan, self.count, self.plane.matrix
+        fan = Fan(
+            own.direction[:count].copy(), own.value[:count].copy(), own.point[:count].copy(),
+            own.unknown[:count].copy(), own.force[:count].copy(), own.error[:count].copy(),
+            own.status[:count].copy(), own.order[:count].copy(),
+        )  # fmt: skip
         direction = solve(matrix.T, fan.direction.T).T
         size = np.hypot(direction[:, 0], direction[:, 1])
         fan.direction[:], fan.value[:] = direction / size[:, None], fan.value / size
