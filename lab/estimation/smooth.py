@@ -121,6 +121,7 @@ def fused(log: Log, ahead: Track, back: Track) -> Track:
     p[both] -= gain @ p[both]
     grown = _disagreement(off, total, float(np.median(np.diff(log.seconds))))
     p[both] = grown[:, :, None] * 0.5 * (p[both] + p[both].swapaxes(1, 2)) * grown[:, None, :]
+    p[:, :3, :3] += ahead.p[:, :3, :3] - _whole(ahead.joint)[:, :3, :3]  # of hidden slopes, alike both ways
     g = x[:, :3] * (GRAVITY / np.maximum(np.linalg.norm(x[:, :3], axis=1, keepdims=True), 1e-9))
     out = replace(
         ahead, g=g, v=x[:, 3:6], gyro_bias=x[:, 6:9], acc_bias=x[:, 9:], p=p[:, :6, :6], joint=p, pose=None,

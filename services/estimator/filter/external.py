@@ -25,6 +25,7 @@ from .layout import E, M, X
 from .noise import FIXED, BestSetting
 from .point import determinant, retract
 from .samples import EX, ROW_Q, ROW_W, SampleStore, after
+from .slope import give_to_filter
 from .state import BestState, isolate, rotation
 
 POSITION, YAW, VELOCITY = range(3)
@@ -254,6 +255,7 @@ def _take_one(state: BestState, row: Array, w: Array, q: Array, age: float, rot_
     if headed:
         posed = _take_part(state, YAW, row, w, q, age, rot_base_from_imu)
     if placed and posed:
+        give_to_filter(state)
         posed = _take_part(state, POSITION, row, w, q, age, rot_base_from_imu)
     if not math.isnan(row[EX.velocity]):
         good = _take_part(state, VELOCITY, row, w, q, age, rot_base_from_imu)

@@ -24,7 +24,7 @@ from .state import BestState
 
 @kernel
 def forget_levels(memory: Array) -> None:
-    """Forget levels, unevenness, slope and softness of the ground in `BestState.memory` (119,), in place."""
+    """Forget levels, unevenness, slope and softness of the ground in `BestState.memory` (124,), in place."""
     memory[M.sunk : M.sinks + 1] = 0.0
     memory[M.levels : M.levels + LEVEL * LEVELS] = 0.0
     memory[M.uneven] = FIXED.step_sd**2
@@ -61,7 +61,7 @@ def learn_sinking(state: BestState, v: Array, z: float, slope: float) -> None:
     if level and abs(rise) < FIXED.same_level:
         memory[M.sunk] += rise
     speed = memory[M.sunk] / (memory[M.sunk + 1] + FIXED.sink_least_s)
-    climbs = min(slope + FIXED.sink_slope, FIXED.most_slope) * math.sqrt(v[0] * v[0] + v[1] * v[1])
+    climbs = min(slope + FIXED.hidden_slope, FIXED.most_slope) * math.sqrt(v[0] * v[0] + v[1] * v[1])
     least = (0.5 if on else 1.0) * max(FIXED.least_sink, FIXED.sink_slopes * climbs if level else 0.0)
     known = on or (level and memory[M.sunk + 1] >= 2.0 * FIXED.sink_least_s)
     _store(state, speed if known and abs(speed) > least else 0.0)

@@ -71,7 +71,7 @@ def gyro_share(memory: Array) -> float:
     It is rho^4/(rho^4 + rho_0^4), rho^2 the mean square rate at which standing feet part, rho_0 = 0.02/s; 0 if small.
 
     Args:
-        memory: `BestState.memory`, (119,), which holds rho^2.
+        memory: `BestState.memory`, (124,), which holds rho^2.
     """
     share = memory[M.parting] ** 2 / (memory[M.parting] ** 2 + FIXED.parting**4)
     return float(share) if share >= FIXED.no_share else 0.0

@@ -33,7 +33,7 @@ Feet = NDArray[np.int64]
 OWN = (
     *range(M.last_gyro, M.last_gyro + 3), *range(M.last_acc, M.last_acc + 3), M.phase, M.rest, M.age, M.slide_product,
     M.slide_square, *range(M.own_bias, M.parting + 1), M.framed, M.jumps, M.left_out, M.externals, M.externals_out,
-    M.frames, *range(M.pose_extra, M.sinks + 1),
+    M.frames, *range(M.pose_extra, M.levelled + 1),
 )  # fmt: skip
 """Indices of `BestState.memory` whose values the state keeps as its own, so that no hypothesis overwrites them."""
 MEAN = (M.excess, M.innovation, M.innovation + 1, M.innovation + 2, M.lag, M.lag + 1, M.lag + 2)

@@ -151,7 +151,7 @@ class HeightLayout(NamedTuple):
 
 
 class MemoryLayout(NamedTuple):
-    """First index of each part of `BestState.memory`, (119,)."""
+    """First index of each part of `BestState.memory`, (124,)."""
 
     excess: int = 0
     """Index: excess, the factor of the inertial noise over that of the sensor, at least 1."""
@@ -263,13 +263,19 @@ class MemoryLayout(NamedTuple):
     """Index: that foot's number + 1 while it stands, else 0."""
     sinks: int = 118
     """Index: speed at which feet sink, m/s; 0: they do not; below 0: they rise."""
+    level_way: int = 119
+    """Index: level part of the way over ground that was taken to be level, odom axes, (2,) m."""
+    landed_pos: int = 121
+    """Index: place of the IMU in odom when the last foot landed, level part, (2,) m."""
+    levelled: int = 123
+    """Index: 1 if the foot that landed last was put on a level of the ground, else 0."""
 
 
 LEVEL, LEVELS = 4, 8
 """`LEVEL`: number of values stored for a ground level; `LEVELS`: largest number of levels that are stored."""
 X, E, P, S, L = StateLayout(), ErrorLayout(), PointLayout(), SensorLayout(), DelayLayout()
 H, M = HeightLayout(), MemoryLayout()
-POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.sinks + 1
+POINT_COLUMNS, SENSOR_COLUMNS, MEMORY = P.mistrust + 1, S.delay + L.stood + 1, M.levelled + 1
 HEIGHTS = H.lasts + 1
 """`POINT_COLUMNS`, `SENSOR_COLUMNS`: number of columns of `BestState.points` and `BestState.sensors`; `MEMORY`: length
 of `BestState.memory`; `HEIGHTS`: length of its part `heights`."""

@@ -30,6 +30,7 @@ from .hypotheses import likeliest, mode
 from .layout import LEVEL, LEVELS, E, M, P, X
 from .noise import FIXED
 from .point import retract
+from .slope import learn_level_way
 from .state import BestState, rotation
 
 Feet = NDArray[np.int64]
@@ -107,7 +108,7 @@ def _landed(points: Array, foot: Feet, f: int) -> bool:
 def _slope(memory: Array) -> float:
     """Return the slope of the ground, rad, by feet that stood at the same time; 0 before any did.
 
-    `memory`: `BestState.memory`, (119,), which holds the sums of a plane fit through pairs of feet.
+    `memory`: `BestState.memory`, (124,), which holds the sums of a plane fit through pairs of feet.
     """
     s, guess = M.slope, (FIXED.step_sd / FIXED.slope_sd) ** 2
     a, b, c = memory[s] + guess, memory[s + 1], memory[s + 2] + guess
@@ -120,7 +121,7 @@ def _slope(memory: Array) -> float:
 def _step_noise(memory: Array) -> float:
     """Return the variance, m^2, of the height at which one step lands on a level of the ground.
 
-    It is (n_0 + u^2)^2/n_0, n_0 the variance on flat ground and u^2 the unevenness in `BestState.memory` (119,).
+    It is (n_0 + u^2)^2/n_0, n_0 the variance on flat ground and u^2 the unevenness in `BestState.memory` (124,).
     """
     return float((FIXED.step_sd**2 + memory[M.uneven]) ** 2 / FIXED.step_sd**2)
 
@@ -243,7 +244,7 @@ def _stand_even(state: BestState, geometry: BestGeometry, f: int, other: int, no
 
 @kernel
 def _nearest(memory: Array, z: float) -> int:
-    """Return the index of the level in `BestState.memory` (119,) nearest to height z, m, in odom; -1: none known."""
+    """Return the index of the level in `BestState.memory` (124,) nearest to height z, m, in odom; -1: none known."""
     best = -1
     for j in range(LEVELS):
         at = M.levels + LEVEL * j
@@ -256,7 +257,7 @@ def _nearest(memory: Array, z: float) -> int:
 def _new_level(memory: Array, z: float, variance: float) -> int:
     """Store a level of height z m and its variance, m^2, over the one not stood on for longest; return its index.
 
-    `memory`: `BestState.memory`, (119,); changed.
+    `memory`: `BestState.memory`, (124,); changed.
     """
     oldest = 0
     for j in range(LEVELS):
@@ -322,7 +323,7 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float, lag_s: 
         flat = _learn_ground(state, likely, geometry, f)
         z, variance = _height(likely, geometry, f, by)
         learn_sinking(state, likely.x[X.vel : X.vel + 3], z, _slope(memory) if flat else math.inf)
-        sinks = memory[M.sinks] != 0.0
+        sinks, levelled = memory[M.sinks] != 0.0, False
         found, noise = _nearest(memory, z), _step_noise(memory)
         level = M.levels + LEVEL * found
         if found < 0 or abs(z - memory[level]) > FIXED.same_level:
@@ -331,7 +332,8 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float, lag_s: 
         elif flat:
             height, known = memory[level], memory[level + 1]
             drift = max(variance - known, 0.0)
-            if sinks or (z - height) ** 2 < FIXED.level_gate * (drift + noise):
+            levelled = sinks or (z - height) ** 2 < FIXED.level_gate * (drift + noise)
+            if levelled:
                 if at < 0:
                     _stand_on(state, geometry, f, height, known, noise, lag_s if sinks else math.inf)
                 for h in range(state.weight.size):
@@ -344,6 +346,7 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float, lag_s: 
         memory[level + 3] = memory[M.landed_at] = memory[M.age]
         memory[M.landed], _ = _height(likely, geometry, f, by)
         memory[M.landed_foot] = f + 1.0
+        learn_level_way(memory, likely.x, levelled)
         for m in range(foot.size):
             if foot[m] == f:
                 state.points[m, P.level] = found + 1.0

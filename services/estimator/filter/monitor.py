@@ -89,7 +89,7 @@ def _learn_noise(memory: Array, seen: Array, dt: float) -> None:
     large and few, so that the logarithm is averaged: log |s| of a level s has the mean log sigma - 0.289.
 
     Args:
-        memory: `BestState.memory`, (119,); the sums of the logarithm and of the time are changed.
+        memory: `BestState.memory`, (124,); the sums of the logarithm and of the time are changed.
         seen: change of the trunk's velocity by the foot beyond that by the inertial unit, odom axes, (3,) m/s.
         dt: length of each step, s.
     """
@@ -119,7 +119,7 @@ def judge_noise(state: BestState, stated: float) -> None:
 def carried(memory: Array) -> bool:
     """Return True if the robot has turned with still legs and open switches: it is carried, its switches are right.
 
-    Feet that stand move, seen from a trunk that turns. `memory`: `BestState.memory`, (119,).
+    Feet that stand move, seen from a trunk that turns. `memory`: `BestState.memory`, (124,).
     """
     return bool(memory[M.carried] > CARRIED_TURN)
 
@@ -230,7 +230,7 @@ def _weigh(memory: Array, sensors: Array, contact: Array, foot: Feet, dt: float)
     A robot that flies shows no weight. One that stands or is carried does. A switch that is known to hang explains it.
 
     Args:
-        memory: `BestState.memory`, (119,); changed.
+        memory: `BestState.memory`, (124,); changed.
         sensors: numbers of the sensors of each foot, (K, 38), columns as in `SensorLayout`.
         contact: probability that each contact point touches the ground, (K,); NaN counts as touching.
         foot: index of the foot of each point, (K,).

@@ -299,8 +299,8 @@ class FixedNumbers(NamedTuple):
     """Time, s, added to that between landings in the speed of sinking; landings must show it for twice as long."""
     least_sink: float = 0.02
     """Speed of sinking, m/s, below which landings only scatter; half of it once feet sink."""
-    sink_slope: float = 0.005
-    """Slope of the ground, rad, that feet which stand at the same time may fail to show."""
+    hidden_slope: float = 0.005
+    """Slope of the ground, standard deviation, rad, that feet which stand at the same time fail to show."""
     sink_slopes: float = 1.2
     """Ratio of the speed of sinking to the climb of the ground's slope at this speed, above which feet sink."""
     sink_walk: float = 1.5

@@ -5,8 +5,8 @@ filter still takes the heading from the gyro and the position from the feet; so 
 
     Q' = F Q F^T + (f^2 - 1) d diag(w^2, w^2, w^2/4, gyro^2),   F: dx = -v_y d dpsi, dy = v_x d dpsi
 
-with w = `FIXED.pose_walk`. The rows of the covariance are those of nav_msgs: position of base_link in odom, then the
-rotation about the axes of odom.
+with w = `FIXED.pose_walk`. Slopes that are taken for level add errors of height and tilt (`slope`). The rows
+of the covariance are those of nav_msgs: position of base_link in odom, then the rotation about the axes of odom.
 """
 
 import numpy as np
@@ -18,6 +18,7 @@ from surefoot.kernels.jit import kernel
 from .hypotheses import likeliest
 from .layout import E, M, X
 from .noise import FIXED, BestNoise
+from .slope import add_to_pose
 from .state import BestState
 
 XX, XY, YY, XT, YT, TT, ZZ = range(M.pose_extra, M.pose_extra + 7)
@@ -79,6 +80,7 @@ def pose_covariance(state: BestState, arm: Array) -> Array:
     for i, k, at in ((0, 1, XY), (0, 5, XT), (1, 5, YT)):
         out[i, k] += m[at]
         out[k, i] += m[at]
+    add_to_pose(m, out)
     return out
 
 

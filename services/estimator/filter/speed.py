@@ -21,7 +21,7 @@ FITTING_NIS = 9.0
 
 @kernel
 def _speed(x: Array, memory: Array) -> float:
-    """Return an upper bound of the published speed, m/s, from x (21 + 3 K,) and memory (119,) of `BestState`."""
+    """Return an upper bound of the published speed, m/s, from x (21 + 3 K,) and memory (124,) of `BestState`."""
     v, lag = 0.0, 0.0
     for i in range(3):
         v += x[X.vel + i] ** 2

@@ -54,7 +54,7 @@ class BestState(NamedTuple):
     turn: Array
     """rot_odom_from_foot of the foot of each contact point at the last sample of the feet, (K, 3, 3)."""
     memory: Array
-    """Averages, counters and times beside the state, (119,), laid out as in `MemoryLayout`."""
+    """Averages, counters and times beside the state, (124,), laid out as in `MemoryLayout`."""
     mode_x: Array
     """State vectors of the hypotheses about sliding feet, laid out as `x`, (H, 21 + 3 K)."""
     mode_cov: Array
@@ -383,7 +383,7 @@ def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
     the IMU back again, so errors of the heading cancel; those of the tilt act on the velocity at every moment.
 
     Args:
-        memory: `BestState.memory`, (119,); the last sample in it is replaced.
+        memory: `BestState.memory`, (124,); the last sample in it is replaced.
         w: gyro of the sample, IMU axes, (3,) rad/s.
         q: accelerometer of the sample, IMU axes, (3,) m/s^2.
         noise: noises and rates of the filter.

@@ -20,6 +20,7 @@ from .intake import CONTACT_NS, FEET_NS, NOW_NS, FilterParts
 from .layout import M, P, S, X
 from .noise import FIXED
 from .pose import pose_covariance
+from .slope import add_to_gravity
 from .state import BestState, rotation
 
 
@@ -90,21 +91,22 @@ def joint_covariance(rot: Array, cov: Array) -> Array:
 
 
 @kernel
-def _covariance(rot: Array, cov: Array) -> Array:
+def _covariance(rot: Array, state: BestState) -> Array:
     """Return the covariance (6, 6) of g, m/s^2, and v, m/s, in IMU axes.
 
     Args:
         rot: rot_odom_from_imu, (3, 3).
-        cov: covariance of the filter's error, (n, n), order of `ErrorLayout`.
+        state: state of the filter.
     """
     block = np.empty((6, 6))
     for i in range(6):
         for k in range(6):
-            block[i, k] = cov[i, k]
+            block[i, k] = state.cov[i, k]
     out = congruence(_imu_errors(rot, 6), block)
     for i in range(3):
         for k in range(3):
             out[i, k] += FIXED.length_sd**2 * rot[2, i] * rot[2, k]
+    add_to_gravity(state.memory, rot[2], out)
     for i in range(6):
         for k in range(i):
             out[i, k] = out[k, i] = 0.5 * (out[i, k] + out[k, i])
@@ -164,7 +166,7 @@ def summary(state: BestState, geometry: BestGeometry, w: Array, feet: int) -> tu
             count[geometry.foot[k]] += 1.0
     for f in range(feet):
         more[QUAT + f] = more[QUAT + f] / count[f] if count[f] > 0.0 else math.nan
-    return rows, more, _covariance(rot, state.cov), pose_covariance(state, arm)
+    return rows, more, _covariance(rot, state), pose_covariance(state, arm)
 
 
 @kernel

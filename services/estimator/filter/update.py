@@ -132,7 +132,7 @@ def persistence(memory: Array) -> float:
     with p = `slide_trust` and rho_0 = `least_persistence`, clipped to 0 and 1.
 
     Args:
-        memory: `BestState.memory`, (119,), which holds both sums.
+        memory: `BestState.memory`, (124,), which holds both sums.
     """
     rho = (memory[M.slide_product] + FIXED.slide_trust) / (memory[M.slide_square] + FIXED.slide_trust)
     return float(min(max((rho - FIXED.least_persistence) / (1.0 - FIXED.least_persistence), 0.0), 1.0))

@@ -161,13 +161,21 @@ def tilts(t: np.ndarray) -> np.ndarray:
     return columns(0.03 * smooth(t - 3.0) * np.sin(wave * t), 0.02 * smooth(t - 3.0) * np.sin(2.0 * wave * t), 0.0)
 
 
-def trotting(speed: float, seconds: float, sink: float = 0.0) -> Log:
-    """A trot in diagonal pairs that begins after 3 s: feet rise by 5 cm, swing, land at rest and sink by `sink`, m."""
+def trotted(speed: float, t: np.ndarray) -> np.ndarray:
+    """Way of a trot that begins after 3 s and speeds up over 3 s, m."""
+    t = np.clip(t - 3.0, 0.0, None)
+    part = np.minimum(t / 3.0, 1.0)
+    return speed * (3.0 * (part**3 - 0.5 * part**4) + np.maximum(t - 3.0, 0.0))
 
-    def ahead(t: np.ndarray) -> np.ndarray:  # speeds up over 3 s
-        t = np.clip(t - 3.0, 0.0, None)
-        part = np.minimum(t / 3.0, 1.0)
-        return speed * (3.0 * (part**3 - 0.5 * part**4) + np.maximum(t - 3.0, 0.0))
+
+def trotting(speed: float, seconds: float, sink: float = 0.0, slope: float = 0.0) -> Log:
+    """A trot in diagonal pairs that begins after 3 s: feet rise by 5 cm, swing, land at rest and sink by `sink`, m.
+
+    The ground rises by `slope` metres a metre along x; the trunk keeps its height over it and does not pitch with it.
+    """
+
+    def ahead(t: np.ndarray) -> np.ndarray:
+        return trotted(speed, t)
 
     def steps(t: np.ndarray, f: int) -> tuple[np.ndarray, np.ndarray]:  # begin of its latest step, and what is over
         late = STEP_S * (f in (1, 2))
@@ -186,9 +194,10 @@ def trotting(speed: float, seconds: float, sink: float = 0.0) -> Log:
             low = sink * walks * (1.0 - np.exp(-np.minimum(since, STEP_S) / 0.1)) * (1.0 - smooth(part))
             high = 0.05 * np.sin(np.pi * part) ** 2 - low
             out[:, f] = corner + columns(now + (then - now) * smooth(part), 0.0, high)
+        out[:, :, 2] += slope * out[:, :, 0]
         return out
 
-    return logged(seconds, lambda t: columns(ahead(t), 0.0, HEIGHT), tilts, places, stands)
+    return logged(seconds, lambda t: columns(ahead(t), 0.0, HEIGHT + slope * ahead(t)), tilts, places, stands)
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.8])
