@@ -63,5 +63,6 @@ def learn_sinking(state: BestState, v: Array, z: float, slope: float) -> None:
     speed = memory[M.sunk] / (memory[M.sunk + 1] + FIXED.sink_least_s)
     climbs = min(slope + FIXED.hidden_slope, FIXED.most_slope) * math.sqrt(v[0] * v[0] + v[1] * v[1])
     least = (0.5 if on else 1.0) * max(FIXED.least_sink, FIXED.sink_slopes * climbs if level else 0.0)
-    known = on or (level and memory[M.sunk + 1] >= 2.0 * FIXED.sink_least_s)
+    even = abs(memory[M.sunk]) > FIXED.sink_scatter * math.sqrt(memory[M.uneven])
+    known = on or (level and even and memory[M.sunk + 1] >= 2.0 * FIXED.sink_least_s)
     _store(state, speed if known and abs(speed) > least else 0.0)

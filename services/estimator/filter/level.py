@@ -105,15 +105,21 @@ def _landed(points: Array, foot: Feet, f: int) -> bool:
 
 
 @kernel
-def _slope(memory: Array) -> float:
-    """Return the slope of the ground, rad, by feet that stood at the same time; 0 before any did.
+def _slope(memory: Array) -> tuple[float, float]:
+    """Return the slope of the ground along x and y of odom, rad, by feet that stood at the same time; 0 before any did.
 
     `memory`: `BestState.memory`, (124,), which holds the sums of a plane fit through pairs of feet.
     """
     s, guess = M.slope, (FIXED.step_sd / FIXED.slope_sd) ** 2
     a, b, c = memory[s] + guess, memory[s + 1], memory[s + 2] + guess
     det = a * c - b * b
-    x, y = (c * memory[s + 3] - b * memory[s + 4]) / det, (a * memory[s + 4] - b * memory[s + 3]) / det
+    return (c * memory[s + 3] - b * memory[s + 4]) / det, (a * memory[s + 4] - b * memory[s + 3]) / det
+
+
+@kernel
+def _steepness(memory: Array) -> float:
+    """Return the angle of the slope of the ground, rad; `memory`: `BestState.memory`, (124,)."""
+    x, y = _slope(memory)
     return math.sqrt(x * x + y * y)
 
 
@@ -143,6 +149,7 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
     memory, foot, last = state.memory, geometry.foot, -1
     own, _ = _middle(likely, foot, f)
     square, count = 0.0, 0
+    tilted = _slope(memory)
     for k in range(foot.size):
         if foot[k] == last or foot[k] == f or likely.points[k, P.down] == 0.0 or likely.points[k, P.level] == 0.0:
             continue
@@ -153,7 +160,7 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
         for j in range(LEVELS):
             at = M.levels + LEVEL * j
             if memory[at + 1] > 0.0:
-                off = min(off, abs(rise - (memory[at] - level)))
+                off = min(off, abs(rise - tilted[0] * x - tilted[1] * y - (memory[at] - level)))
         if off < FIXED.same_level:
             square += off * off
             count += 1
@@ -169,7 +176,7 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
         memory[M.uneven] += FIXED.learn_ground * (square / count - memory[M.uneven])
         for i in range(M.slope, M.slope + 5):
             memory[i] *= 1.0 - FIXED.learn_ground
-    return flat and _slope(memory) < FIXED.most_slope
+    return flat and _steepness(memory) < FIXED.most_slope
 
 
 @kernel
@@ -322,7 +329,7 @@ def stand_on_levels(state: BestState, geometry: BestGeometry, dt: float, lag_s: 
         last = f
         flat = _learn_ground(state, likely, geometry, f)
         z, variance = _height(likely, geometry, f, by)
-        learn_sinking(state, likely.x[X.vel : X.vel + 3], z, _slope(memory) if flat else math.inf)
+        learn_sinking(state, likely.x[X.vel : X.vel + 3], z, _steepness(memory) if flat else math.inf)
         sinks, levelled = memory[M.sinks] != 0.0, False
         found, noise = _nearest(memory, z), _step_noise(memory)
         level = M.levels + LEVEL * found

@@ -297,10 +297,12 @@ class FixedNumbers(NamedTuple):
     """Time constant, s, of the sums of landing heights that show sinking feet; longest time between two landings."""
     sink_least_s: float = 0.25
     """Time, s, added to that between landings in the speed of sinking; landings must show it for twice as long."""
-    least_sink: float = 0.02
+    least_sink: float = 0.012
     """Speed of sinking, m/s, below which landings only scatter; half of it once feet sink."""
     hidden_slope: float = 0.005
     """Slope of the ground, standard deviation, rad, that feet which stand at the same time fail to show."""
+    sink_scatter: float = 8.0
+    """Ratio of the sum of landing heights to the unevenness of the ground above which feet sink."""
     sink_slopes: float = 1.2
     """Ratio of the speed of sinking to the climb of the ground's slope at this speed, above which feet sink."""
     sink_walk: float = 1.5
