@@ -268,7 +268,7 @@ class MemoryLayout(NamedTuple):
     landed_pos: int = 121
     """Index: place of the IMU in odom when the last foot landed, level part, (2,) m."""
     levelled: int = 123
-    """Index: 1 if the foot that landed last was put on a level of the ground, else 0."""
+    """Index: 1 if the foot that landed last was put on a level of the ground; it fades with landings on none."""
 
 
 LEVEL, LEVELS = 4, 8

@@ -149,7 +149,7 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
     memory, foot, last = state.memory, geometry.foot, -1
     own, _ = _middle(likely, foot, f)
     square, count = 0.0, 0
-    tilted = _slope(memory)
+    ahead, aside = _slope(memory) if memory[M.sunk + 1] > 0.0 else (0.0, 0.0)  # a robot that walks shows it
     for k in range(foot.size):
         if foot[k] == last or foot[k] == f or likely.points[k, P.down] == 0.0 or likely.points[k, P.level] == 0.0:
             continue
@@ -160,7 +160,7 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
         for j in range(LEVELS):
             at = M.levels + LEVEL * j
             if memory[at + 1] > 0.0:
-                off = min(off, abs(rise - tilted[0] * x - tilted[1] * y - (memory[at] - level)))
+                off = min(off, abs(rise - ahead * x - aside * y - (memory[at] - level)))
         if off < FIXED.same_level:
             square += off * off
             count += 1
@@ -197,7 +197,8 @@ def _stand_on(
         known: its variance s, m^2.
         noise: variance n of the height of a step, m^2.
         lag_s: finite where feet sink: time constant, s, with which the velocity learns what is taken off the height;
-            no rotation is corrected then, for the foot that is taken first would turn the trunk at each step.
+            no rotation and no bias that tilts are corrected then, for the foot that is taken first would turn the trunk
+            at each step.
     """
     cov, height, n = state.cov, state.x[X.pos + 2], state.cov.shape[0]
     by, xi = np.empty(n), np.empty(n)
@@ -207,7 +208,8 @@ def _stand_on(
         return
     share, sinks, gain = drift / (drift + noise), 1.0 if math.isfinite(lag_s) else 0.0, np.empty(n)
     for j in range(n):
-        gain[j] = share * by[j] / variance * (1.0 - sinks if E.rot <= j < E.rot + 3 else 1.0)
+        tilts = E.rot <= j < E.rot + 3 or E.acc_bias <= j < E.acc_bias + 3
+        gain[j] = share * by[j] / variance * (1.0 - sinks if tilts else 1.0)
         xi[j] = gain[j] * (z - level)
     for j in range(n):
         held = sinks * (by[j] - gain[j] * variance / share)  # 0 where the gain is that of Kalman

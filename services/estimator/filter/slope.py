@@ -23,16 +23,17 @@ from .state import BestState
 def learn_level_way(memory: Array, x: Array, levelled: bool) -> None:
     """Add the way since the last landing of a foot to that over level ground, in place.
 
+    Landings on no level count less and less: what levels have turned or shifted before is forgotten step by step.
+
     Args:
         memory: `BestState.memory`, (124,); changed.
         x: state of the filter, `BestState.x`.
         levelled: True if the foot that lands has been put on a level of the ground.
     """
+    memory[M.levelled] = 1.0 if levelled else (1.0 - FIXED.learn_ground) * memory[M.levelled]
     for i in range(2):
-        if levelled:
-            memory[M.level_way + i] += x[X.pos + i] - memory[M.landed_pos + i]
+        memory[M.level_way + i] += memory[M.levelled] * (x[X.pos + i] - memory[M.landed_pos + i])
         memory[M.landed_pos + i] = x[X.pos + i]
-    memory[M.levelled] = 1.0 if levelled else 0.0
 
 
 @kernel
@@ -45,11 +46,11 @@ def add_to_pose(memory: Array, cov: Array) -> None:
     """
     square, x, y = FIXED.hidden_slope**2, memory[M.level_way], memory[M.level_way + 1]
     cov[2, 2] += square * (x * x + y * y)
-    if memory[M.levelled] > 0.0:
-        for i, by in ((3, square * y), (4, -square * x)):
-            cov[i, i] += square
-            cov[2, i] += by
-            cov[i, 2] += by
+    square *= memory[M.levelled]
+    for i, by in ((3, square * y), (4, -square * x)):
+        cov[i, i] += square
+        cov[2, i] += by
+        cov[i, 2] += by
 
 
 @kernel
