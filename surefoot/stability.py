@@ -85,7 +85,7 @@ def margin(where: ContactSet | Region, com: ArrayLike) -> float:
     """Return the distance of the centre of mass from the edge of the region, m: negative outside of it.
 
     -inf: the robot falls, and how far from the edge is not known: there is no region, or one without bounds elsewhere.
-    inf: it falls nowhere. In a region without bounds, as between walls, the nearest of 64 rays to the edge is refined.
+    inf: it falls nowhere. In a region without bounds, as between walls, rays search the nearest edge.
 
     Args:
         where: contacts, or their region, which saves its computation.

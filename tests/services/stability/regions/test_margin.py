@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from surefoot.services.stability.programs.contacts import contact_set, equally_spaced
+from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
+from surefoot.services.stability.regions import margin as margins
 from surefoot.services.stability.regions.margin import extent, margin
 from surefoot.services.stability.regions.region import region
 from tests.services.stability.sets import SQUARE, UP, feasible_sets
@@ -132,3 +133,43 @@ def test_extent_with_free_forces() -> None:
     holds = region(contact_set([[0, 0, 0], [0, 1, 0]], [EAST] * 2, math.inf))
     assert extent(holds, np.zeros(2), Y).status == "unbounded"
     assert extent(holds, np.array([-0.2, 0.3]), X).value == pytest.approx(0.2, abs=1e-8)
+
+
+def wall_sets(count: int) -> list[ContactSet]:
+    """Contacts on two facing walls and on the floor, seeded, whose regions have no bound somewhere."""
+    rng, found = np.random.default_rng(59), list[ContactSet]()
+    while len(found) < count:
+        k = int(rng.integers(2, 6))
+        side = rng.choice([-1.0, 1.0], k)
+        place = np.column_stack((0.3 * side, rng.uniform(-0.4, 0.4, (k, 2))))
+        normal = np.column_stack((-side, rng.normal(0.0, 0.3, (k, 2))))
+        floor = rng.random(k) < 0.3
+        place[floor, 2], normal[floor] = 0.0, UP
+        contacts = contact_set(place, normal, rng.uniform(0.1, 0.8, k))
+        if region(contacts).status == "unbounded":
+            found.append(contacts)
+    return found
+
+
+def test_margin_to_the_edge_of_a_region_without_bounds_needs_few_programs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rays in 720 directions end at the margin or beyond it, and one of them no farther than it by its angle."""
+    solved, solve = list[int](), margins.solve_one
+    monkeypatch.setattr(margins, "solve_one", lambda *given: solved.append(1) or solve(*given))
+    rng, insides, endless = np.random.default_rng(3), 0, 0
+    for contacts in wall_sets(40):
+        found, c = region(contacts), rng.uniform(-0.4, 0.4, 2)
+        solved.clear()
+        value = margin(found, c).value
+        assert len(solved) <= (margins.RAYS + 1 if value is None else 60)
+        if value is not None and value <= 0.0:
+            continue
+        reaches = [extent(found, c, ray).value for ray in equally_spaced(720 if value else 90)]
+        nearest = min(math.inf if reach is None else reach for reach in reaches)
+        endless += value is None
+        if value is None:
+            assert math.isinf(nearest)
+        else:
+            insides += 1
+            assert nearest * math.cos(math.pi / 720) - 1e-8 <= value <= nearest + 1e-8
+    assert insides >= 5
+    assert endless >= 5
