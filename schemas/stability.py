@@ -260,18 +260,25 @@ class EquilibriumRequest(Request):
 class EquilibriumReply(Reply):
     """Contact forces that hold the robot, or the proof (a twist) that there are none."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     held: bool = Field(description="there are such forces")
     forces_n: tuple[Vec3, ...] | None = Field(
         description="N, per contact, frame world: the smallest sum of squares; null if not held"
     )
     friction_share: float | None = Field(
-        description="smallest share of every friction coefficient that still holds, 0 to 1; null if not held"
+        description="smallest share of every friction coefficient that still holds, 0 to 1, with normal forces that "
+        "sum up to minmax_load_n at most; null if not held"
     )
     minmax_forces_n: tuple[Vec3, ...] | None = Field(
         default=None,
         description="N, per contact, frame world: forces whose largest share of friction is friction_share (min-max), "
         "|f_t| <= friction_share mu n'f at every contact of limited friction; null if not held",
+    )
+    minmax_load_n: float | None = Field(
+        default=None,
+        description="N, limit of the sum of all normal forces behind friction_share: 100 weights (with acceleration "
+        "m |g + a|), or twice those of some forces that hold, where these are more; between facing walls the share "
+        "falls towards 0 the harder the robot presses; null if not held",
     )
     certificate: tuple[float, float, float, float, float, float] | None = Field(
         default=None,

@@ -106,6 +106,7 @@ def equilibrium_reply(request: EquilibriumRequest) -> EquilibriumReply:
         forces_n=None if force is None else _triples(product(asked.weight * force, back.T)),
         friction_share=None if even is None else even.share,
         minmax_forces_n=None if even is None else _triples(product(asked.weight * even.force, back.T)),
+        minmax_load_n=None if even is None else asked.weight * even.most,
     )
 
 

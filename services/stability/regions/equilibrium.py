@@ -44,6 +44,8 @@ class LeastFriction:
     where these are more): between two walls every share above 0 holds, if only the robot presses hard enough."""
     force: Array
     """Contact forces with |f_t,i| <= share mu_i n'f_i, in units of the weight, (n, 3); not unique."""
+    most: float
+    """Limit of the sum of all normal forces, in units of the weight."""
 
 
 def equilibrium(contacts: ContactSet, com: Array) -> Equilibrium:
@@ -149,14 +151,14 @@ def least_friction(contacts: ContactSet, com: Array) -> LeastFriction | None:
     while high - low > CLOSE:
         excess, slope, found = _excess(contacts, com, share, most)
         if abs(excess) <= CLOSE * slope:
-            return LeastFriction(share, found)
+            return LeastFriction(share, found, most)
         if excess > NOTHING:
             low = share
         else:  # also where t stays 0 for more: a contact that must not be loaded
             high, force = share, found
         newton = share + excess / slope if slope > CLOSE else low
         share = newton if low < newton < high else 0.5 * (low + high)
-    return LeastFriction(high, force)
+    return LeastFriction(high, force, most)
 
 
 def _excess(contacts: ContactSet, com: Array, share: float, most: float) -> tuple[float, float, Array]:

@@ -14,7 +14,7 @@ from surefoot.robot.kinematics import com, foot_jacobians, foot_positions, gravi
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import FootContacts, JointState, Tick
-from surefoot.schemas.stability import CheckRequest, StabilityStatus
+from surefoot.schemas.stability import CheckRequest, EquilibriumReply, StabilityStatus
 from surefoot.schemas.state import VelocityEstimate
 from surefoot.schemas.topics import HW_CONTACTS, HW_JOINTS, STATE_STABILITY, STATE_VELOCITY
 from surefoot.services.stability.answers import check_reply
@@ -262,6 +262,18 @@ def test_check_with_doubt(service: Stability) -> None:
     with pytest.raises(Refusal) as refused:
         ask(service, "check", **fields, doubt={"com_sd_m": -1.0})
     assert refused.value.field == "doubt.com_sd_m"
+
+
+def test_least_friction_between_walls_states_how_hard_the_robot_may_press(service: Stability) -> None:
+    """Facing walls carry m g with friction alone: the share is m g / (mu sum of normal forces), all of which is used."""
+    walls = [{"position": [x, 0.0, 0.2], "normal": [-x, 0.0, 0.0], "mu": 0.5} for x in (-1.0, 1.0)]
+    got = ask(service, "equilibrium", contacts=walls, com=[0.0, 0.0], weight_n=20.0)
+    assert got["minmax_load_n"] == 2000.0
+    assert got["friction_share"] == pytest.approx(20.0 / (0.5 * got["minmax_load_n"]), rel=1e-4)
+    assert np.abs(np.array(got["minmax_forces_n"])[:, 0]).sum() <= got["minmax_load_n"] * (1.0 + 1e-9)
+    assert ask(service, "equilibrium", contacts=FLOOR, com=[5.0, 0.0])["minmax_load_n"] is None
+    share = EquilibriumReply.model_json_schema()["properties"]["friction_share"]["description"]
+    assert "minmax_load_n" in share
 
 
 def test_equilibrium_of_a_robot_that_accelerates(service: Stability) -> None:
