@@ -94,19 +94,19 @@ def open_log(
 
 
 def _of_table(path: Path, sort: bool, robot: Robot | None, feet: FeetOptions) -> tuple[Log, tuple[str, ...]]:
-    """Return the log of a CSV or NPZ file, and notes that name arrays of an NPZ that are not read.
+    """Return the log of a CSV or NPZ file, and notes that name its arrays or columns that are not read.
 
     Raises:
-        SurefootError: the file is no log; the text ends with those arrays where the name of one is nearly known.
+        SurefootError: the file is no log; the text ends with those where the name of one is nearly known.
     """
-    columns = read_table(path, sort)
-    others = unread(path)
     try:
-        log, notes = log_of_table(path.stem, columns, robot, feet)
+        log, notes = log_of_table(path.stem, read_table(path, sort), robot, feet)
     except SurefootError as error:
+        others = unread(path) if error.code == "invalid" and path.is_file() else ""
         if "did you mean" in others:
             raise SurefootError(error.code, f"{error.message}; {others}", error.field) from None
         raise
+    others = unread(path)
     return log, (*notes, others) if others else notes
 
 

@@ -39,6 +39,8 @@ SEPARATORS = (",", ";", "\t")
 """Characters that are recognised as separators of CSV cells; the most frequent one in the header row is used."""
 
 
+SINGLE = ("t", "stamp_ns", "saturated", "external_yaw")
+"""CSV columns that are an array each; `time` is another name of `t`."""
 SHOWN = 12
 """Largest number of column names of a CSV file that an error message lists."""
 
@@ -60,6 +62,33 @@ def read_csv(path: Path) -> Columns:
         text = f"{path} has no gyro_x, gyro_y, gyro_z; it has {shown}. Known columns: docs/estimate.md"
         raise SurefootError("invalid", text, "gyro")
     return columns
+
+
+def others_of_csv(path: Path) -> tuple[list[str], list[str]]:
+    """Return the columns and the statements above the header of a readable CSV log that are not read, and known names.
+
+    Known are the names of columns for as many feet as there are (at least one), and of statements.
+    """
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        keys = list[str]()
+        while (line := file.readline().rstrip("\r\n")).startswith("#"):
+            key, stated, _ = line[1:].partition("=")
+            keys += [key.strip()] if stated else []
+    names = [cell.strip() for cell in line.split(max(SEPARATORS, key=line.count))]
+    known = [*SINGLE, "time"]
+    for _, template, counted, labels in GROUPS:
+        counts = [range(max(1, _count(pattern, names, str(path)))) for pattern in counted]
+        known += _parts(template, counts, labels)
+    joints = [column for column in names if column.startswith("joint_")]
+    known += [*joints, *(f"torque_{column.removeprefix('joint_')}" for column in joints)]
+    known = list(dict.fromkeys([*known, *METADATA]))
+    others = [name for name in names if name and name not in known] + [key for key in keys if key not in METADATA]
+    return others, known
+
+
+def _parts(template: str, counts: Sequence[range], labels: tuple[str, ...]) -> list[str]:
+    """Return the names of the columns of one array, by its column template, counted indices and last labels."""
+    return [template.format(*cell) for cell in product(*counts, *([labels] if labels else []))]
 
 
 def _metadata(file: TextIO) -> tuple[Columns, str]:
@@ -132,14 +161,14 @@ def _grouped(names: Sequence[str], values: NDArray[np.float64], stamps: NDArray[
     `values` (rows, names); `stamps` (rows,) ns; `name` of the file, for errors.
     """
     at = {column: i for i, column in enumerate(names)}
-    out: Columns = {key: values[:, at[key]] for key in ("t", "stamp_ns", "saturated", "external_yaw") if key in at}
+    out: Columns = {key: values[:, at[key]] for key in SINGLE if key in at}
     if stamps is not None:
         out["stamp_ns"] = stamps
     if "time" in at:
         out.setdefault("t", values[:, at["time"]])
     for key, template, counted, labels in GROUPS:
         counts = [range(_count(pattern, names, name)) for pattern in counted]
-        parts = [template.format(*cell) for cell in product(*counts, *([labels] if labels else []))]
+        parts = _parts(template, counts, labels)
         there = [part for part in parts if part in at]
         missing = [part for part in parts if part not in at]
         if there and missing:

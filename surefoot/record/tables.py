@@ -11,7 +11,7 @@ from surefoot.errors import SurefootError
 from surefoot.nearest import did_you_mean, nearest
 from surefoot.npz import BROKEN_NPZ, damage_of
 from surefoot.record.columns import METADATA, SHAPES, Columns
-from surefoot.record.csv_table import SHOWN, read_csv
+from surefoot.record.csv_table import SHOWN, others_of_csv, read_csv
 from surefoot.schemas.base import UNIT_WITHIN
 
 ALIASES = {
@@ -218,19 +218,23 @@ def _check_range(feet: NDArray[np.float64], imu: NDArray[np.float64], key: str, 
 
 
 def unread(path: Path) -> str:
-    """Return a note on the arrays of a readable NPZ log that are not read, with near names and those that are.
+    """Return a note on what of a readable NPZ or CSV log is not read, with near names and those that are known.
 
-    Empty: all are read, or the file is no NPZ.
+    Empty: all arrays and columns are read, or the file is neither.
     """
-    if path.suffix.lower() != ".npz":
+    if path.suffix.lower() == ".csv":
+        (others, known), read = others_of_csv(path), "known columns: docs/estimate.md"
+    elif path.suffix.lower() == ".npz":
+        with np.load(path, allow_pickle=False) as file:
+            others, known = [key for key in file.files if key not in NAMES], list(NAMES)
+        read = f"read are {', '.join(NAMES)}"
+    else:
         return ""
-    with np.load(path, allow_pickle=False) as file:
-        others = [key for key in file.files if key not in NAMES]
     if not others:
         return ""
-    shown = ", ".join(f"{key[:60]!r}{did_you_mean(key, NAMES)}" for key in others[:SHOWN])
+    shown = ", ".join(f"{key[:60]!r}{did_you_mean(key, known)}" for key in others[:SHOWN])
     more = ", ..." if len(others) > SHOWN else ""
-    return f"not read of {path.name}: {shown}{more}; read are {', '.join(NAMES)}"
+    return f"not read of {path.name}: {shown}{more}; {read}"
 
 
 def _from_npz(path: Path) -> Columns:

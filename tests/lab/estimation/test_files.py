@@ -172,6 +172,19 @@ def test_arrays_of_an_npz_that_are_not_read_are_named_with_near_names(tmp_path):
     assert "'foot_radus' (did you mean 'foot_radius'?)" in refused(path).message
 
 
+def test_columns_of_a_csv_that_are_not_read_are_named_with_near_names(tmp_path):
+    path = save_csv(noisy(), tmp_path / "log.csv")
+    assert not any("not read" in note for note in open_log(path).notes)
+    header, *rows = path.read_text().splitlines()
+    more = f"{header},mood,true_pos_x,torque_knee"
+    path.write_text("\n".join(["# feets = point", more, *(f"{row},1,2,3" for row in rows)]))
+    (note,) = (note for note in open_log(path).notes if "not read" in note)
+    known = "not read of log.csv: 'mood', 'true_pos_x' (did you mean 'true_px'?), 'torque_knee', "
+    assert note == known + "'feets' (did you mean 'feet'?); known columns: docs/estimate.md"
+    path.write_text("\n".join([header.replace("acc_x,acc_y,acc_z", "acc_1,acc_2,acc_3"), *rows]))
+    assert "'acc_1' (did you mean 'acc_" in refused(path).message
+
+
 def test_the_reader_is_told_by_the_suffix(tmp_path):
     assert refused(tmp_path / "none.npz").code == "invalid"
     (tmp_path / "log.bag").write_bytes(b"x")
