@@ -265,7 +265,7 @@ def test_check_with_doubt(service: Stability) -> None:
 
 
 def test_least_friction_between_walls_states_how_hard_the_robot_may_press(service: Stability) -> None:
-    """Facing walls carry m g with friction alone: the share is m g / (mu sum of normal forces), all of which is used."""
+    """Facing walls carry m g with friction alone: the share is m g / (mu sum of normal forces)."""
     walls = [{"position": [x, 0.0, 0.2], "normal": [-x, 0.0, 0.0], "mu": 0.5} for x in (-1.0, 1.0)]
     got = ask(service, "equilibrium", contacts=walls, com=[0.0, 0.0], weight_n=20.0)
     assert got["minmax_load_n"] == 2000.0
