@@ -16,7 +16,7 @@ from surefoot.lockstep.local import LocalSystem
 from surefoot.lockstep.service import Service
 from surefoot.schemas.sim import ResetRequest
 from surefoot.schemas.system import RecorderRequest
-from surefoot.schemas.topics import RECORDER_STATUS, SIM_RESET, TICK_S
+from surefoot.schemas.topics import HEALTH, RECORDER_STATUS, SIM_RESET, TICK_S
 from surefoot.services.supervisor.processes.compose import Compose
 from surefoot.services.supervisor.processes.startable import system_of
 from surefoot.services.supervisor.scenarios.director import Director
@@ -120,6 +120,9 @@ def run_local(
     supervisor = next(service for service in services if isinstance(service, Supervisor))
     try:
         meddle(system)
+        for recorder in (service for service in services if service.name == "recorder"):
+            for node in system.nodes:  # health is published by the wall clock, seldom within a run in one process
+                recorder.on_message(HEALTH, node.health())
         system.bus.call(SIM_RESET, request)
         leader = next(node.leader for node in system.nodes if isinstance(node, DriverNode))
         system.run_until(lambda: leader.tick >= 0)

@@ -207,3 +207,19 @@ def test_wall_time_and_hashes_of_the_configuration_are_stated_where_the_recordin
         assert ("Hashes of the configuration" in text) is bool(listed)
         assert listed in text
     assert "Wall time" in whole[0]
+
+
+def test_a_report_names_what_its_recording_does_not_state(recorded, whole, tmp_path):
+    """A run in one process states the configuration of its services; a file that is cut off has no summary."""
+    text = whole[0]
+    assert re.search("Hashes of the configuration</td><td><code>.*stability [0-9a-f]{12}, .*walker [0-9a-f]{12}", text)
+    assert "Message hash" in text
+    assert "Not stated" not in text
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recorded.read_bytes()[: recorded.stat().st_size // 2])
+    text = report_recording(cut, None, tmp_path / "cut.html")[0].read_text(encoding="utf-8")
+    missing = "wall time, hashes of the configuration, message hash: it has no summary, which is written at the end"
+    assert missing in text
+    bare = copy(recorded, tmp_path / "bare.mcap", {"robot": "ragno"}, summary={"run_hash": "ab"})
+    text = report_recording(bare, None, tmp_path / "bare.html")[0].read_text(encoding="utf-8")
+    assert "wall time, hashes of the configuration: its summary has none" in text
