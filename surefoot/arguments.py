@@ -21,6 +21,9 @@ FARTHEST_FOOT = 10.0
 """Largest absolute coordinate of a foot in base_link or from the IMU, m; a larger one is refused, as probably in
 millimetres."""
 
+NO_NUMBERS = "cSUmM"
+"""Kinds of numpy's types that are no real numbers, though numpy converts them: complex, bytes, text, times."""
+
 
 def array(
     value: Any, field: str, shape: Sequence[int | str], unit: str = "", *,
@@ -42,8 +45,8 @@ def array(
     """
     of, lengths = f" in {unit}" if unit else "", dict[str, int]()
     try:
-        if np.iscomplexobj(value) or np.ma.is_masked(value):
-            raise TypeError("complex or masked")
+        if value is None or np.ma.is_masked(value) or np.asarray(value).dtype.kind in NO_NUMBERS:
+            raise TypeError("none, masked, complex, text or times")
         found = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError):
         raise FieldError("type", field, f"got {shown(value)}, expected numbers{of}") from None
@@ -68,6 +71,8 @@ def number(
     value: Any, field: str, unit: str = "", *, low: float = -math.inf, high: float = math.inf, inf: bool = False
 ) -> float:
     """Return a checked number: `low` to `high`, or +inf where `inf` is true (raises FieldError, as `array`)."""
+    if isinstance(value, bool | np.bool_):
+        raise FieldError("type", field, f"got {shown(value)}, expected one number{f' in {unit}' if unit else ''}")
     return float(array(value, field, (), unit, low=low, high=high, inf=inf))
 
 
@@ -85,6 +90,13 @@ def whole(value: Any, field: str, unit: str = "", *, low: int = -(2**63), high: 
     return found
 
 
+def flag(value: Any, field: str) -> bool:
+    """Return True or False for a flag, numpy's and 0 and 1 too (raises FieldError: `type`)."""
+    if not isinstance(value, bool | np.bool_ | int | np.integer) or not 0 <= value <= 1:
+        raise FieldError("type", field, f"got {shown(value)}, expected True or False")
+    return bool(value)
+
+
 def choice(value: Any, field: str, allowed: Iterable[str]) -> str:
     """Return the value after a check that it is one of the allowed names (raises FieldError: `unknown_name`)."""
     known = tuple(allowed)
@@ -97,7 +109,7 @@ def choice(value: Any, field: str, allowed: Iterable[str]) -> str:
 def file_path(value: Any, field: str) -> Path:
     """Return the path of a file (raises FieldError: `type`, no path, or an empty one)."""
     given = cast("str | PathLike[str]", value)
-    if not isinstance(value, str | PathLike) or not str(given):
+    if not isinstance(value, str | PathLike) or not str(given) or "\0" in str(given):
         raise FieldError("type", field, f"got {shown(given)}, expected the path of a file")
     return Path(given)
 

@@ -18,7 +18,18 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import FARTHEST_FOOT, WIDEST_ANGLE, choice, file_path, instance, number, shown, whole
+from surefoot.arguments import (
+    FARTHEST_FOOT,
+    NO_NUMBERS,
+    WIDEST_ANGLE,
+    choice,
+    file_path,
+    flag,
+    instance,
+    number,
+    shown,
+    whole,
+)
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.robot.description import Robot
@@ -66,18 +77,18 @@ class CountingEstimator(Estimator):
 
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
         """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; return the result."""
-        flag: Any = clipped
-        if not isinstance(flag, bool | np.bool_ | int | np.integer) or not 0 <= flag <= 1:
-            raise FieldError("type", "clipped", f"got {shown(clipped)}, expected True or False")
-        return super().imu(whole(stamp_ns, "stamp_ns", "ns"), w, q, bool(clipped))
+        beyond = flag(clipped, "clipped")
+        return super().imu(whole(stamp_ns, "stamp_ns", "ns"), _real(w), _real(q), beyond)
 
     def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
         """Take joint angles (nj,) rad and contacts by foot (L,) or switch (L, S), None = unknown; return the result."""
-        return super().joints(whole(stamp_ns, "stamp_ns", "ns"), q, contact)
+        touch = None if contact is None else _real(contact)
+        return super().joints(whole(stamp_ns, "stamp_ns", "ns"), _real(q), touch)
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
         """Take foot centres (L, 3) m, rot_imu_from_foot (L, 3, 3) and contacts, as `Estimator`; return the result."""
-        return super().feet(whole(stamp_ns, "stamp_ns", "ns"), position, rot, contact)
+        touch = None if contact is None else _real(contact)
+        return super().feet(whole(stamp_ns, "stamp_ns", "ns"), _real(position), _real(rot), touch)
 
     def external(self, stamp_ns: int, sample: ExternalSample) -> InputResult:
         """Take a pose, heading or velocity of another source, which holds at `stamp_ns`, ns; return the result."""
@@ -218,6 +229,7 @@ def run(
     from surefoot.lab.estimation.track import names as known_names
 
     choice(name, "name", known_names())
+    both_ways = flag(smooth, "smooth")
     for key in sensors:
         if key not in EstimatorParams.__dataclass_fields__:
             raise FieldError(
@@ -226,7 +238,7 @@ def run(
     known: dict[str, Any] = {name: number(value, name, low=0.0) for name, value in sensors.items()}
     opened = open_log(file_path(log, "log"), robot, **known)
     with TemporaryDirectory() as folder:
-        return estimate(opened.log, name, Path(folder), smooth)
+        return estimate(opened.log, name, Path(folder), both_ways)
 
 
 def names() -> tuple[str, ...]:
@@ -259,6 +271,16 @@ def _numbers(values: Any) -> Array:
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
+        return np.empty(0)
+
+
+def _real(values: Any) -> ArrayLike:
+    """Return values as they are, masked ones as NaN = unknown, and text, times and complex numbers as no numbers."""
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(np.float64), np.nan) if values.dtype.kind in "biuf" else np.empty(0)
+    try:
+        return np.empty(0) if np.asarray(values).dtype.kind in NO_NUMBERS else values
+    except ValueError:  # rows of unequal length
         return np.empty(0)
 
 

@@ -9,7 +9,7 @@ from os import PathLike
 
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import WIDEST_ANGLE, array, choice, file_path, instance, number, whole
+from surefoot.arguments import WIDEST_ANGLE, array, choice, file_path, flag, instance, number, whole
 from surefoot.errors import FieldError, SurefootError
 from surefoot.files import names
 from surefoot.lab.runs.local import LocalRun, run_local
@@ -93,7 +93,7 @@ class StrictWorld(PhysicsWorld):
             SurefootError: an invalid number, a foot is in the air, or the robot cannot stand there.
         """
         way = number(forward, "forward", "m"), number(left, "left", "m"), number(turn, "turn", "rad")
-        super().displace(*way, only_ask=only_ask)
+        super().displace(*way, only_ask=flag(only_ask, "only_ask"))
 
     def set(self, quantity: str, value: float) -> None:
         """Change the world while it runs.
@@ -134,7 +134,7 @@ class StrictWorld(PhysicsWorld):
             SurefootError: no checkpoint, or one of another robot, ground or configuration.
         """
         instance(saved, "saved", Checkpoint, "the result of `checkpoint`")
-        super().restore(saved, restart=restart)
+        super().restore(saved, restart=flag(restart, "restart"))
 
 
 def scenarios() -> tuple[str, ...]:

@@ -167,7 +167,8 @@ def _shape(given: ArrayLike) -> tuple[int, ...]:
 def _checked(given: ContactSet, field: str = "contacts") -> ContactSet:
     """Return a contact set, which may be made by hand, after the checks of `contacts` (raises FieldError)."""
     instance(given, field, ContactSet, "the result of `stability.contacts`")
-    n = np.size(given.mu)
+    mu = array(given.mu, f"{field}.mu", ("n",), low=0.0, high=MAX_MU, inf=True)
+    n = len(mu)
     if n > MAX_CONTACTS:
         raise FieldError("too_many", field, f"got {n} contacts, at most {MAX_CONTACTS} are allowed")
     p = array(given.position, f"{field}.position", (n, 3), "m", low=-MAX_COORDINATE, high=MAX_COORDINATE)
@@ -176,7 +177,7 @@ def _checked(given: ContactSet, field: str = "contacts") -> ContactSet:
     for i in np.flatnonzero(np.abs((v * v).sum(axis=1) - 1.0) > UNIT):
         text = f"got {v[i].tolist()}, expected a unit normal; `stability.contacts` takes any length"
         raise FieldError("not_unit", f"{field}.normal", text)
-    return ContactSet(p, v, array(given.mu, f"{field}.mu", (n,), low=0.0, high=MAX_MU, inf=True))
+    return ContactSet(p, v, mu)
 
 
 def _together(points: Array, field: str) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.arguments import array, file_path, instance, number, whole
+from surefoot.arguments import array, file_path, instance, number, shown, whole
 from surefoot.errors import FieldError
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.geometry.heightmap_exchange import load_any
@@ -112,10 +112,13 @@ def save(heightmap: HeightMap, path: str | PathLike[str], **extra: str | int | f
         extra: how the map came to be, such as kind and seed; kept in both files.
 
     Raises:
-        FieldError: no height map, no path, or one that cannot be written.
+        FieldError: no height map, no path, one that cannot be written, or an extra that is no text or number.
     """
     instance(heightmap, "heightmap", HeightMap, "a height map")
     target = file_path(path, "path")
+    for name, value in extra.items():
+        if not isinstance(value, str | int | float):
+            raise FieldError("type", name, f"got {shown(value)}, expected text or a number")
     try:
         return save_npz(heightmap, target, **extra)
     except OSError as error:

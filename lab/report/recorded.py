@@ -113,7 +113,9 @@ def _recorded_facts(recording: ReadableRecording, scenario: Scenario | None) -> 
         "Wall time": f"{summary['wall_s']} s from the first to the last tick" if "wall_s" in summary else "",
     }
     stated = {**facts, "Message hash": summary.get("run_hash", "")}
-    missing = [name.lower() for name in ("Wall time", "Hashes of the configuration", "Message hash") if not stated[name]]
+    missing = [
+        name.lower() for name in ("Wall time", "Hashes of the configuration", "Message hash") if not stated[name]
+    ]
     why = "it has no summary, which is written at the end of a run" if not summary else "its summary has none"
     facts["Not stated by the recording"] = f"{', '.join(missing)}: {why}" if missing else ""
     return {name: value for name, value in facts.items() if value}

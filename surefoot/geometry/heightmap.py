@@ -17,7 +17,7 @@ from typing import Any, Literal, Self, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from surefoot.arguments import array, choice, number, shown, whole
+from surefoot.arguments import NO_NUMBERS, array, choice, number, shown, whole
 from surefoot.errors import FieldError, InvalidField
 from surefoot.geometry import heightmap_cells as cells
 
@@ -95,8 +95,18 @@ class HeightMap:
                 raise TypeError("complex or masked")
             with np.errstate(over="ignore"):  # what overflows is infinite, and refused as such
                 return np.array(value, dtype=np.float32, order="C", copy=True)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise HeightMapError(name, f"got {shown(value)}, expected numbers in m") from None
+
+    @staticmethod
+    def _places(value: Any, field: str) -> NDArray[np.float64]:
+        """Return coordinates, m, as an array of their shape (raises HeightMapError: no numbers)."""
+        try:
+            if np.asarray(value).dtype.kind in NO_NUMBERS:
+                raise TypeError("complex, text or times")
+            return np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise HeightMapError(field, f"got {shown(value)}, expected numbers in m") from None
 
     @staticmethod
     def _argument(check: Callable[..., Any], value: Any, *wanted: Any, **limits: Any) -> Any:
@@ -168,9 +178,15 @@ class HeightMap:
 
         Raises:
             FieldError: another method.
+            HeightMapError: x or y are no numbers, or their shapes do not go together.
         """
         choice(method, "method", get_args(Interpolation))
-        xs, ys = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+        one, two = self._places(x, "x"), self._places(y, "y")
+        try:
+            xs, ys = np.broadcast_arrays(one, two)
+        except ValueError:
+            text = f"got x {one.shape} and y {two.shape}, expected shapes that go together"
+            raise HeightMapError("x, y", text) from None
         out = np.empty(xs.shape, dtype=np.float64)
         cells.heights(self.z, self.cell, *self.origin, xs.ravel(), ys.ravel(), method == "bilinear", out.reshape(-1))
         return out
@@ -179,8 +195,17 @@ class HeightMap:
         """Return the bilinear height of the ground at a point, m; NaN outside the map, or where a cell is unknown.
 
         `x`, `y`: the point, m, frame `map`.
+
+        Raises:
+            HeightMapError: x or y is no number.
         """
-        return cells.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x), float(y))
+        try:
+            return cells.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x), float(y))
+        except (TypeError, ValueError, OverflowError):
+            for value, field in ((x, "x"), (y, "y")):
+                self._places(value, field)
+                self._argument(array, value, field, (), "m", nan=True, inf=True)
+            raise
 
     def patch(self, x: float, y: float, n: int) -> NDArray[np.float32]:
         """Return a copy of the n x n heights about the cell that holds (x, y) m, n odd, (n, n) m, frame `map`.
@@ -214,8 +239,7 @@ class HeightMap:
         Raises:
             HeightMapError: the radius is negative or not finite.
         """
-        if not (math.isfinite(radius) and radius >= 0.0):
-            raise HeightMapError("radius", f"must be finite and >= 0 m, got {radius!r}")
+        radius = self._argument(number, radius, "radius", "m", low=0.0)
         out = np.empty_like(self.z)
         self.dilate_part(radius, out, *self._whole)
         return self.derived(out)
@@ -225,7 +249,11 @@ class HeightMap:
 
         Straight edges stay where they are. An unknown cell is filled when at least `min_known` of its 8 neighbours
         are known (a drop-out of the sensor); 9 fills none.
+
+        Raises:
+            HeightMapError: `min_known` is no whole number of 0 to 9.
         """
+        min_known = self._argument(whole, min_known, "min_known", low=0, high=9)
         out = np.empty_like(self.z)
         cells.median3(self.z, min_known, self._whole, out)
         return self.derived(out)

@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from surefoot.arrays import Array
+from surefoot.errors import shown
 from surefoot.geometry.linear import dot, norm, product
 from surefoot.robot import description as r
 from surefoot.robot.description import RobotError
@@ -21,6 +22,8 @@ from surefoot.tables import FileModel, read_toml, unknown_key, validated
 
 ROBOT_FILE = "robot.toml"
 """Name of the file with a robot's description, in the folder of the robot."""
+LONGEST_NAME = 255
+"""Largest length of a part of a path, characters; file systems hold no longer ones."""
 BIPED_LEG_JOINTS = 6
 LEGS = {"hexapod": 6, "quadruped": 4, "biped": 2}
 """Number of legs that a robot description must have, by kind of robot."""
@@ -44,7 +47,12 @@ def load_robot(name: str | PathLike[str]) -> r.Robot:
 
 def robot_file(name: str | PathLike[str]) -> Path:
     """Return the path of the `robot.toml` for a name or path as in `load_robot` (raises RobotError: there is none)."""
-    text = str(name)
+    given: Any = name
+    if not isinstance(given, str | PathLike):
+        raise RobotError("type", "name", f"got {shown(given)}, expected the name of a robot or the path of its file")
+    text = str(given)
+    if any(len(part) > LONGEST_NAME for part in Path(text).parts):
+        raise RobotError("not_found", "name", f"no robot {shown(text)}; known are {', '.join(robot_names())}")
     is_path = isinstance(name, PathLike) or text.endswith(".toml") or "/" in text
     path = Path(name) if is_path else ROBOTS / text / ROBOT_FILE
     if path.is_dir():

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from surefoot.arguments import NO_NUMBERS
 from surefoot.arrays import Array
 
 from .results import InputResult
@@ -68,9 +69,10 @@ def _numbers(value: ArrayLike | None, size: int) -> Array:
     if value is None:
         return np.full(size, np.nan)
     try:
-        return np.asarray(value, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
+        found = np.ma.filled(np.ma.asarray(value, dtype=np.float64), np.nan)
+    except (TypeError, ValueError, OverflowError):
         return np.empty(0)
+    return np.empty(0) if np.asarray(value).dtype.kind in NO_NUMBERS else found.ravel()
 
 
 def _positive(m: Array) -> bool:

@@ -74,8 +74,17 @@ class FloorGrid:
         return (x, y, x + cols * self.cell, y + rows * self.cell)
 
     def index(self, x: float, y: float) -> tuple[int, int]:
-        """Return (row, col) of the cell that holds a point x, y (m, frame map); it may lie outside of the grid."""
-        return (math.floor((y - self.origin[1]) / self.cell), math.floor((x - self.origin[0]) / self.cell))
+        """Return (row, col) of the cell that holds a point x, y (m, frame map); it may lie outside of the grid.
+
+        Raises:
+            FieldError: x or y is no finite number.
+        """
+        try:
+            return (math.floor((y - self.origin[1]) / self.cell), math.floor((x - self.origin[0]) / self.cell))
+        except (TypeError, ValueError, OverflowError):
+            number(x, "x", "m")
+            number(y, "y", "m")
+            raise
 
     def inside(self, row: int, col: int) -> bool:
         """Return True if a cell (row, col) lies inside the grid."""
