@@ -13,6 +13,7 @@ from surefoot.record.columns import FEET_METADATA, Columns
 from surefoot.record.recording import open_readable
 from surefoot.record.tables import read_table, unread
 from surefoot.robot.description import Robot
+from surefoot.robot.names import joint_order
 from surefoot.robot.reader import load_robot
 from surefoot.services.estimator.feet.contact import contact_points
 from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
@@ -197,7 +198,7 @@ def _mounted(
         )
     return {
         "radius": mount.radius, "rot_base_from_imu": np.ascontiguousarray(mount.rot_imu_from_base.T),
-        "imu_position": mount.imu_position, "robot": robot.name,
+        "imu_position": mount.imu_position, "robot": robot,
     }  # fmt: skip
 
 
@@ -225,14 +226,15 @@ def _joints(columns: Columns, robot: Robot) -> tuple[list[int], Array]:
     joints, order = np.asarray(columns["joints"], dtype=np.float64), list(range(columns["joints"].shape[1]))
     if "joint_names" in columns:
         names = [str(name) for name in columns["joint_names"]]
-        missing = [name for name in robot.joint_names if name not in names]
+        by_name = joint_order(names, robot)
+        missing = [] if by_name else [name for name in robot.joint_names if name not in names]
         if missing and not all(name.isdigit() for name in names):
             known = ", ".join(robot.joint_names)
             raise SurefootError(
                 "invalid", f"no column joint_{missing[0]}; {robot.name} has {known}", f"joint_{missing[0]}"
             )
-        if not missing:
-            order = [names.index(name) for name in robot.joint_names]
+        if by_name:
+            order = by_name
             joints = joints[:, order]
     if joints.shape[1] != robot.nj:
         raise SurefootError("invalid", f"{joints.shape[1]} joints; {robot.name} has {robot.nj}", "joints")

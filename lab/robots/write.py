@@ -13,6 +13,7 @@ import numpy as np
 
 from surefoot.arrays import Array
 from surefoot.robot.description import Robot, RobotError
+from surefoot.robot.names import plain
 
 from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk_body
 from .stance import MOST_TORQUE, can_stand, doubts_of_axes, standing, torque_limit
@@ -83,6 +84,8 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
         "trunk": _trunk(base, places, made), "servos": servos, "chains": chains, "limbs": places,
         **_sensors(model, segs, made),
     }  # fmt: skip
+    if others := {ours: theirs for ours, theirs in made.joints.items() if plain(theirs) != plain(ours)}:
+        made.tables["other_names"] = others
     return made
 
 

@@ -210,6 +210,7 @@ class Robot:
     hash: str  # sha256 of the content that changes behaviour (no sources, no comments)
     camera: str | None = None  # profile of the landmark camera in `robots/cameras`
     ranger: str | None = None  # profile of ultrasound and bumpers in `robots/rangers`
+    other_names: dict[str, str] = field(default_factory=dict[str, str])  # of joints in other software, by name here
     joint_names: tuple[str, ...] = field(init=False)
     joint_lower: Array = field(init=False)  # (nj,)
     joint_upper: Array = field(init=False)  # (nj,)

@@ -222,6 +222,7 @@ class RobotFile(FileModel):
     gait: GaitTable
     camera: Name | None = Field(None, description="file in robots/cameras")
     ranger: Name | None = Field(None, description="file in robots/rangers")
+    other_names: dict[str, Text] = Field({}, description="names that other software gives joints, by name here")
 
 
 def _go_with(model: type[FileModel], table: Any, goes: bool, needed: tuple[str, ...], only: tuple[str, ...]) -> Any:

@@ -27,7 +27,7 @@ LONGEST_NAME = 255
 BIPED_LEG_JOINTS = 6
 LEGS = {"hexapod": 6, "quadruped": 4, "biped": 2}
 """Number of legs that a robot description must have, by kind of robot."""
-_NOT_HASHED = frozenset({"source", "sources", "description", "schema"})
+_NOT_HASHED = frozenset({"source", "sources", "description", "schema", "other_names"})
 
 
 def load_robot(name: str | PathLike[str]) -> r.Robot:
@@ -118,6 +118,10 @@ def _robot(file: RobotFile, data: dict[str, object]) -> r.Robot:
         tree.add_limb(limb, f"limbs[{i}]")
     if len(tree.legs) != LEGS[file.kind]:
         raise RobotError("value", "limbs", f"a {file.kind} has {LEGS[file.kind]} legs, got {len(tree.legs)}")
+    joints = {joint.name: "" for joint in tree.joints}
+    for name in file.other_names:
+        if name not in joints:
+            raise _unknown("other_names", name, joints)
     imu, profile = read_profile(ImuFile, file.imu.profile, "imu.profile")
     mount = r.ImuMount(np.array(file.imu.position), _unit(file.imu.quat_wxyz), imu_profile(imu))
     encoders, current = file.encoders, file.current
@@ -140,6 +144,7 @@ def _robot(file: RobotFile, data: dict[str, object]) -> r.Robot:
         hash=hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest(),
         camera=file.camera,
         ranger=file.ranger,
+        other_names=file.other_names,
     )
 
 

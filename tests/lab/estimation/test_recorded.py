@@ -16,7 +16,7 @@ from surefoot.lab.estimation.track import track
 from surefoot.lab.runs.local import run_local
 from surefoot.record.columns import recorded_columns
 from surefoot.robot.profiles import ROBOTS
-from surefoot.robot.reader import load_robot
+from surefoot.robot.reader import load_robot, robot_file
 from surefoot.services.supervisor.scenarios.scenario import find_scenario, load_scenario
 from tests.surefoot.expect import expect_error
 
@@ -94,6 +94,23 @@ def of_others(recording):
         "contact": log.contact, "true_position": truth.position, "true_rotation": truth.rot,
         "true_velocity": truth.v_world,
     }  # fmt: skip
+
+
+def test_a_table_with_the_joints_of_a_robot_is_estimated(recording, tmp_path):
+    """Columns in any order, and by the names that other software gives the joints: the same estimate."""
+    columns, ragno = of_others(recording), load_robot("ragno")
+    np.savez(tmp_path / "plain.npz", **columns)
+    plain = track("best", open_log(tmp_path / "plain.npz", robot="ragno").log)
+    others = {name: f"m{i}_{name[::-1]}" for i, name in enumerate(ragno.joint_names)}
+    text = robot_file("ragno").read_text(encoding="utf-8")
+    named = "\n".join(f'"{ours}" = "{theirs}"' for ours, theirs in others.items())
+    (tmp_path / "robot.toml").write_text(f"{text}\n[other_names]\n{named}\n", encoding="utf-8")
+    turned = list(others.values())[::-1]
+    np.savez(tmp_path / "named.npz", **(columns | {"joints": columns["joints"][:, ::-1], "joint_names": turned}))
+    found = track("best", open_log(tmp_path / "named.npz", robot=str(tmp_path / "robot.toml")).log)
+    np.testing.assert_array_equal(found.v, plain.v)
+    assert load_robot(tmp_path / "robot.toml").hash == ragno.hash
+    assert np.isfinite(plain.v[100:]).all()
 
 
 def test_joints_in_another_order_of_legs_are_refused(recording, tmp_path):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from surefoot.errors import SurefootError
 from surefoot.lab.robots.compare import MOST_DIFFERENCE, checked, differences, ours, witness
 from surefoot.lab.robots.export import mjcf_of
 from surefoot.lab.robots.folder import import_robot
@@ -15,6 +16,7 @@ from surefoot.lab.robots.source import compiled, read_source
 from surefoot.lab.robots.stance import EXTENSION, MOST_TORQUE, leg_length, torque_limit
 from surefoot.robot.description import RobotError
 from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.names import joint_columns
 from surefoot.robot.reader import load_robot, robot_names
 from surefoot.services.walker.interface import MotionCommand
 from surefoot.services.walker.legged.gait import LeggedWalker
@@ -121,6 +123,20 @@ def test_a_foot_at_its_second_joint_does_not_hide_the_axes_of_the_others(bring_i
     text = text.replace('<body name="fl_hip"', '<frame euler="180 0 0"><body name="fl_hip"')
     made = bring_in(text.replace("</body></worldbody>", "</frame></body></worldbody>"))
     assert any("along +z" in each for each in made.assumed)
+
+
+def test_joints_that_have_not_the_names_of_their_bodies_are_known_by_their_own(bring_in, tmp_path):
+    bring_in(MJCF)
+    robot = load_robot(tmp_path / "out")
+    theirs = [f"{leg}_j{i}" for leg in robot.leg_names for i in range(3)]
+    for names in (theirs, robot.joint_names):
+        assert joint_columns(names[::-1], robot) == list(range(robot.nj))[::-1]
+    with pytest.raises(SurefootError, match="no joint"):
+        joint_columns([*theirs[:3], *robot.joint_names[3:]], robot)
+    file = tmp_path / "out" / "robot.toml"
+    file.write_text(file.read_text().replace("[other_names]", '[other_names]\nknee = "k"'))
+    with pytest.raises(RobotError, match="got 'knee', known are"):
+        load_robot(file)
 
 
 def test_a_neutral_posture_of_the_file_is_kept(bring_in, tmp_path):
