@@ -92,9 +92,10 @@ def whole(value: Any, field: str, unit: str = "", *, low: int = -(2**63), high: 
 
 def flag(value: Any, field: str) -> bool:
     """Return True or False for a flag, numpy's and 0 and 1 too (raises FieldError: `type`)."""
-    if not isinstance(value, bool | np.bool_ | int | np.integer) or not 0 <= value <= 1:
-        raise FieldError("type", field, f"got {shown(value)}, expected True or False")
-    return bool(value)
+    given = cast("int", value)
+    if not isinstance(value, bool | np.bool_ | int | np.integer) or not 0 <= given <= 1:
+        raise FieldError("type", field, f"got {shown(given)}, expected True or False")
+    return bool(given)
 
 
 def choice(value: Any, field: str, allowed: Iterable[str]) -> str:

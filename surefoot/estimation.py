@@ -276,7 +276,7 @@ def _numbers(values: Any) -> Array:
 
 def _real(values: Any) -> ArrayLike:
     """Return values as they are, masked ones as NaN = unknown, and text, times and complex numbers as no numbers."""
-    if isinstance(values, np.ma.MaskedArray):
+    if np.ma.isMaskedArray(values):
         values = np.ma.filled(values.astype(np.float64), np.nan) if values.dtype.kind in "biuf" else np.empty(0)
     try:
         return np.empty(0) if np.asarray(values).dtype.kind in NO_NUMBERS else values

@@ -9,6 +9,7 @@ Heights in m, row along y, column along x, NaN = unknown.
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -116,7 +117,8 @@ def save(heightmap: HeightMap, path: str | PathLike[str], **extra: str | int | f
     """
     instance(heightmap, "heightmap", HeightMap, "a height map")
     target = file_path(path, "path")
-    for name, value in extra.items():
+    given: dict[str, Any] = dict(extra)
+    for name, value in given.items():
         if not isinstance(value, str | int | float):
             raise FieldError("type", name, f"got {shown(value)}, expected text or a number")
     try:

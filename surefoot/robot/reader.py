@@ -50,7 +50,7 @@ def robot_file(name: str | PathLike[str]) -> Path:
     given: Any = name
     if not isinstance(given, str | PathLike):
         raise RobotError("type", "name", f"got {shown(given)}, expected the name of a robot or the path of its file")
-    text = str(given)
+    text = str(name)
     if any(len(part) > LONGEST_NAME for part in Path(text).parts):
         raise RobotError("not_found", "name", f"no robot {shown(text)}; known are {', '.join(robot_names())}")
     is_path = isinstance(name, PathLike) or text.endswith(".toml") or "/" in text
