@@ -37,6 +37,9 @@ sufficient."""
 FAINT = 0.15
 """Steepness attributed to noise on maps that need planes of more than one cell on each side, 2.5 standard deviations,
 no unit (slope)."""
+LOOKED_AT = 10_000
+"""Least number of cells by which the noise of a large map is found: all of a map of fewer than four times as many,
+and this to 2.25 times as many of a larger one."""
 LEAST_KNOWN = 0.4
 """Share of known cells of a plane, 0 to 1, below which the plane counts as unknown."""
 
@@ -61,9 +64,12 @@ def scale_of(raw: HeightMap, surface: HeightMap) -> int:
     """Return the scale of a map, the number of cells on each side of a plane, 1 to 4: the noisier the map, the larger.
 
     `raw`: map as received; `surface`: the map after the median filter. The noise is what the filter moved the heights
-    by.
+    by: the median over all cells, of a map of many cells over some of them, spread alike about its middle. A map that
+    is turned or mirrored has the same scale.
     """
-    moved = np.abs(raw.z[::3, ::3] - surface.z[::3, ::3])
+    step = max(1, math.isqrt(raw.z.size // LOOKED_AT))
+    cells = np.ix_(*(_spread(n, step) for n in raw.shape))
+    moved = np.abs(raw.z[cells] - surface.z[cells])
     moved = moved[np.isfinite(moved)]
     noise = float(np.sort(moved)[moved.size // 2]) if moved.size else 0.0
     for s in SCALES:
@@ -71,6 +77,12 @@ def scale_of(raw: HeightMap, surface: HeightMap) -> int:
         if noise / (surface.cell * math.sqrt(sum_x2)) < SURE:
             return s
     return SCALES[-1]
+
+
+def _spread(n: int, step: int) -> NDArray[np.intp]:
+    """Return every `step`-th of n cells in a row from the middle outwards, to both sides alike, in ascending order."""
+    half = np.arange((n - 1) // 2, -1, -step)
+    return np.unique(np.concatenate((half, n - 1 - half)))
 
 
 def relief_of(z: Layer, cell: float, scale: int) -> Relief:

@@ -11,10 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from surefoot.errors import SurefootError
+from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.footholds.models.files import load, shipped
 from surefoot.services.footholds.models.score import HandScore
 from surefoot.services.footholds.patch import PatchFoothold, choose_on_patch
 from surefoot.services.footholds.rectangles import largest_rectangle
+from surefoot.services.footholds.relief import scale_of
 
 RAGNO = load(shipped("ragno"))
 EXAMPLE = Path(__file__).parents[3] / "examples" / "quadruped.py"
@@ -106,3 +108,41 @@ def test_the_example_finds_a_way_out_of_the_ditch(capsys: pytest.CaptureFixture[
     assert lines[0].startswith("FL: ")
     assert not lines[0].startswith("FL: +0 +0")
     assert lines[2].startswith("FR: +0 +0")
+
+
+def fractal(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Heights (n, n) m of fractal ground with a standard deviation of 15 mm."""
+    f = np.fft.fftfreq(n)
+    r = np.hypot(f[:, None], f[None, :])
+    r[0, 0] = math.inf
+    z = np.fft.ifft2((rng.normal(size=(n, n)) + 1j * rng.normal(size=(n, n))) / r**1.8).real
+    return 0.015 * z / z.std()
+
+
+@pytest.mark.parametrize("kind", ["noise", "fractal", "fractal and noise"])
+@pytest.mark.parametrize("n", [15, 22, 41])
+def test_a_patch_that_is_turned_or_mirrored_has_the_same_foothold(kind: str, n: int) -> None:
+    quarter, mirror = np.array([[0.0, -1.0], [1.0, 0.0]]), np.array([[-1.0, 0.0], [0.0, 1.0]])
+    for seed in range(8):
+        rng = np.random.default_rng((seed, n))
+        z = fractal(rng, n) if "fractal" in kind else np.zeros((n, n))
+        z = (z + rng.normal(0.0, rng.uniform(0.002, 0.006), (n, n)) * ("noise" in kind)).astype(np.float32)
+        stroke, nominal, found = rng.uniform(-0.05, 0.05, 2), rng.uniform(-0.01, 0.01, 2), []
+        for k, mirrored in itertools.product(range(4), (False, True)):
+            axes = np.linalg.matrix_power(quarter, k) @ (mirror if mirrored else np.eye(2))
+            seen = np.rot90(z[:, ::-1] if mirrored else z, -k)  # rows are y: rot90 turns from y to x
+            at = choose_on_patch(seen, 0.005, tuple(axes @ nominal), RAGNO, (*(axes @ stroke), 0.0), 0.008).foothold
+            found.append(None if at is None else tuple((axes.T @ at[:2]).round(6) + 0.0))
+        assert len(set(found)) == 1, (seed, found)
+
+
+def test_the_noise_of_a_large_map_is_found_by_cells_on_both_sides_of_its_middle() -> None:
+    for shape in ((200, 200), (201, 203), (300, 301)):
+        z = np.random.default_rng(4).normal(0.0, 0.003, shape).astype(np.float32)
+        z[:, : shape[1] // 2 - 20] *= 3.0
+        scales = []
+        for seen in (z, z[::-1], z[:, ::-1], np.ascontiguousarray(z.T)):
+            raw = HeightMap(z=seen, cell=0.005, origin=(0.0, 0.0))
+            scales.append(scale_of(raw, raw.smoothed()))
+        assert scales[0] > 1
+        assert len(set(scales)) == 1
