@@ -24,7 +24,7 @@ from surefoot.services.navigator.belief import ukf
 from surefoot.services.navigator.planning.costs import WIDEST, Clearance, prepare
 from surefoot.services.navigator.planning.grid import LARGEST_CELL, FloorGrid, grid_of
 from surefoot.services.navigator.planning.map_files import load
-from surefoot.services.navigator.planning.route import PlannedRoute, RouteLimits
+from surefoot.services.navigator.planning.route import PlannedRoute, RouteError, RouteLimits
 from surefoot.services.navigator.planning.route import plan as plan_route
 
 __all__ = ["Clearance", "FloorGrid", "PlannedRoute", "PoseFilter", "grid", "plan"]
@@ -156,8 +156,9 @@ def plan(
     """Return the cheapest route between two points: `waypoints` (n, 2) m, `length` m, `clearance` m.
 
     `clearance` is the exact least distance of the route, from its start on, from the squares of occupied or unknown
-    cells and from the edge of the grid, at most `radius` + 0.2 m. It may be less than `radius`, by up to one cell,
-    because routes are planned on cells, and by more where the start itself is too close to an obstacle.
+    cells and from the edge of the grid, at most `radius` + 0.2 m. It is less than `radius` in two cases: the start or
+    the goal is closer itself; or there is no other way and this one is less than 0.21 cells closer, to a corner. Ways
+    are searched over centres of cells, so a door whose middle lies between these is passed if it is wide enough by one.
 
     Args:
         floor: of `grid`; cells of 1 mm to 10 m.
@@ -173,8 +174,13 @@ def plan(
     _fine(floor, "floor.cell")
     (x0, y0), (x1, y1) = array(start, "start", (2,), "m").tolist(), array(goal, "goal", (2,), "m").tolist()
     keep = number(radius, "radius", "m", low=0.0, high=max(0.0, (WIDEST - 1) * floor.cell - BESIDE))
-    costs = prepare(floor, Clearance(radius=keep, comfort=keep + BESIDE), lasting=False)
-    route = plan_route(costs, (x0, y0), (x1, y1), RouteLimits(leg=number(leg, "leg", "m", low=1e-3, high=1e3)))
+    limits = RouteLimits(leg=number(leg, "leg", "m", low=1e-3, high=1e3))
+    near = Clearance(radius=keep, comfort=keep + BESIDE)
+    costs = prepare(floor, replace(near, exact=True), lasting=False)
+    try:
+        route = plan_route(costs, (x0, y0), (x1, y1), limits)
+    except RouteError:
+        route = plan_route(prepare(floor, near, lasting=False), (x0, y0), (x1, y1), limits)
     return replace(route, clearance=costs.clearance_along(np.vstack((route.start, route.waypoints))))
 
 

@@ -105,3 +105,38 @@ def test_the_position_is_unsure_across_the_path_by_half_the_turns_deviation_time
     one.predict(forward=2.0, sd=(0.0, 0.0, 0.1))
     assert one.covariance == pytest.approx(np.array([[0, 0, 0], [0, 0.01, 0.01], [0, 0.01, 0.01]]), abs=1e-15)
     assert one.pose == pytest.approx([2.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("radius", [0.0, 0.04, 0.12, 0.27])
+def test_no_part_of_a_route_comes_nearer_to_obstacles_than_the_radius_or_its_ends(seed, radius):
+    rng, seen = np.random.default_rng((seed, 7)), 0
+    for _ in range(30):
+        cells = np.zeros((30, 40))
+        at = rng.integers((30, 40), size=(10, 2))
+        cells[at[:, 0], at[:, 1]] = rng.choice([100, -1], 10)
+        floor, squares = surefoot.navigation.grid(cells, CELL, ORIGIN), obstacles(cells)
+        start, goal = np.array(ORIGIN) + rng.uniform((0.2, 0.2), (3.8, 2.8), (2, 2))
+        try:
+            route = surefoot.navigation.plan(floor, start, goal, radius=radius, leg=1e3)
+        except SurefootError:  # a point in an obstacle, or no way
+            continue
+        seen += 1
+        ends = min(to_squares(point[None], squares, CELL) for point in (start, goal))
+        least = to_squares(sampled(start, route.waypoints, 0.005), squares, CELL)
+        assert least >= min(radius, ends) - (1e-9 if ends >= radius + CELL else 0.06 * CELL)
+    assert seen > 3
+
+
+@pytest.mark.parametrize("wide", [3, 5, 6, 9])
+@pytest.mark.parametrize("thick", [1, 4])
+def test_a_door_is_passed_by_all_robots_that_its_middle_cells_leave_room_for(wide, thick):
+    cells = np.zeros((31, 40))
+    cells[:, 20 : 20 + thick] = 100
+    cells[12 : 12 + wide, 20 : 20 + thick] = 0
+    floor = surefoot.navigation.grid(cells, CELL)
+    room = 0.5 * CELL * (wide if wide % 2 else wide - 1)  # from the centre of the middle cell to the jambs
+    route = surefoot.navigation.plan(floor, (0.95, 1.5), (3.15, 1.2), radius=room, leg=1e3)
+    assert route.clearance >= room - 1e-9
+    with pytest.raises(SurefootError, match="no way"):
+        surefoot.navigation.plan(floor, (0.95, 1.5), (3.15, 1.2), radius=room + 0.001)

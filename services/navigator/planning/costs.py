@@ -40,8 +40,8 @@ class Clearance:
     """
 
     radius: float = 0.15
-    """Radius of the robot, m: no cell of a route comes closer to an edge of an obstacle, or 0.21 cells closer to a
-    corner."""
+    """Radius of the robot, m: no part of a route comes closer to an edge of an obstacle, or, unless `exact`, 0.21 cells
+    closer to a corner; except between start or goal and the centre of the cell about it, where these are closer."""
     comfort: float = 0.35
     """Distance from an obstacle, m, from which on a cell has the least cost; below it, the nearer the dearer."""
     dearest: float = 4.0
@@ -50,6 +50,10 @@ class Clearance:
     """Occupancy from which on a cell is an obstacle, in percent, 1 to 100."""
     through_unknown: bool = False
     """True if routes may cross unknown cells, False if these block; outside the grid is always blocked."""
+    exact: bool = False
+    """True if a cell is as far from an obstacle as its centre from the obstacle's square; False if as its centre from
+    the obstacle's centre less half a cell: equal beside an edge, 0.21 cells more beside a corner. The former closes
+    doors askew to the grid that are up to two cells wider than the robot."""
 
     def __post_init__(self) -> None:
         try:
@@ -80,7 +84,8 @@ class Costs:
     region: Ints32
     """Number of the connected region of each free cell, from 1 on, (rows + 2, cols + 2); 0 = blocked."""
     distance2: Ints32
-    """Squared distance of each cell's centre to the nearest obstacle's, (rows + 2, cols + 2) cells^2, bounded above."""
+    """Squared distance of each cell's centre from the nearest obstacle's, or from its square if `clearance.exact`,
+    (rows + 2, cols + 2) half cells^2, bounded above; 0 = an obstacle itself."""
     marks: Ints32
     """Costs from each mark to every padded cell, (cells, marks); no marks in a small map.
 
@@ -93,15 +98,19 @@ class Costs:
         """Array for the costs from the start that a search writes, (cells,), no unit; every search overwrites it."""
         return np.empty(self.weight.size, dtype=np.int32)
 
+    @cached_property
+    def wall(self) -> Flags:
+        """Flags of the padded cells that are obstacles, unknown (unless routes may cross these) or outside the grid."""
+        return self.distance2 == 0
+
     def clearance_of(self, path: Ints32) -> float:
         """Return the least distance, m, of a path's cells from an obstacle; at most `comfort`.
 
-        It is the distance of two cell centres less half a cell: exact beside an edge of an obstacle, up to 0.21 cells
-        too large beside a corner. `clearance_along` is exact.
+        It is that of the centres of its cells, as `clearance.exact` measures it; `clearance_along` is exact.
 
         `path`: indices of its cells in the flattened padded array, (n,).
         """
-        cells = math.sqrt(float(self.distance2.ravel()[path].min())) - 0.5
+        cells = 0.5 * (math.sqrt(float(self.distance2.ravel()[path].min())) - (not self.clearance.exact))
         return max(0.0, min(self.clearance.comfort, cells * self.grid.cell))
 
     def clearance_along(self, points: Array) -> float:
@@ -113,15 +122,15 @@ class Costs:
         """
         (x0, y0), cell = self.grid.origin, self.grid.cell
         padded = [((y - y0) / cell + 1.0, (x - x0) / cell + 1.0) for x, y in points.tolist()]
-        return min(self.clearance.comfort, cell * gap(self.distance2 == 0, padded, self.clearance.comfort / cell))
+        return min(self.clearance.comfort, cell * gap(self.wall, padded, self.clearance.comfort / cell))
 
 
 def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: bool = True) -> Costs:
     """Return the costs of walking over the cells of a grid.
 
     A cell may be entered if d >= radius, and then costs `dearest` at the radius, 1 at `comfort`, and linearly between.
-    d is the distance of its centre from that of the nearest obstacle's cell less half a cell, m: exact beside an edge,
-    up to 0.21 cells too large beside a corner.
+    d is its distance from the nearest obstacle, m, see `Clearance.exact`. A step between two such cells is nowhere
+    closer than these and, over a corner, the two cells beside it.
 
     Args:
         grid: occupancy of the floor.
@@ -139,7 +148,7 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: boo
     wall = grid.cells >= clearance.obstacle
     if not clearance.through_unknown:
         wall |= grid.cells < 0
-    distance2 = squared_distance(np.pad(wall, 1, constant_values=True), most)
+    distance2 = squared_distance(np.pad(wall, 1, constant_values=True), most, int(clearance.exact))
     weight = _table(clearance, grid.cell, most).take(distance2)
     _mark_even(weight)
     region = regions(weight)
@@ -161,17 +170,19 @@ def prepare(grid: FloorGrid, clearance: Clearance | None = None, *, lasting: boo
 
 
 def _table(clearance: Clearance, cell: float, most: int) -> Bytes:
-    """Return the weight (4 far from obstacles, more near them, 0 = not to be entered) by squared distance, cells^2.
+    """Return the weight (4 far from obstacles, more near them, 0 = not to be entered) by distance2.
 
     Args:
         clearance: distances from obstacles, m.
         cell: edge of a cell, m.
-        most: largest distance that counts, cells; the result has (most + 1)^2 + 1 elements.
+        most: largest number of cells from an obstacle that counts; the result has (2 most + 2)^2 + 1 elements.
     """
-    d, span = (np.sqrt(np.arange((most + 1) ** 2 + 1)) - 0.5) * cell, clearance.comfort - clearance.radius
+    halves = np.sqrt(np.arange((2 * most + 2) ** 2 + 1)) - (not clearance.exact)
+    d, span = 0.5 * halves * cell, clearance.comfort - clearance.radius
     near = np.clip((clearance.comfort - d) / span, 0.0, 1.0) if span > 0.0 else 0.0
     table = np.rint(UNIT * (1.0 + (clearance.dearest - 1.0) * near)).astype(np.uint8)
-    return np.where(d < clearance.radius - 1e-9, np.uint8(0), table)
+    table[d < clearance.radius - 1e-9] = table[0] = 0  # an obstacle is blocked for a robot without a radius too
+    return table
 
 
 def _mark_even(weight: Bytes) -> None:
@@ -188,15 +199,17 @@ def _mark_even(weight: Bytes) -> None:
 
 
 @row_kernel
-def squared_distance(wall: Flags, most: int) -> Ints32:
-    """Return the squared distance of every cell centre to that of the nearest wall, cells^2, (rows, cols).
+def squared_distance(wall: Flags, most: int, square: int) -> Ints32:
+    """Return the squared distance of every cell centre from the nearest wall, half cells^2, (rows, cols).
 
-    It is exact up to `most` cells, then constant. d^2(r, c) = min over k of (k - c)^2 + down(r, k)^2, with down(r, k)
-    the distance of cell (r, k) to the nearest wall in its column.
+    It is exact up to `most` - 1/2 cells, then constant. A wall n cells away along an axis is e(n) = 2 n - square half
+    cells away, e(0) = 0: d^2(r, c) = min over k of e(|k - c|)^2 + e(down(r, k))^2, with down(r, k) the number of cells
+    from (r, k) to the nearest wall in its column.
 
     Args:
         wall: True where a cell is blocked, (rows, cols).
-        most: largest distance that counts, cells.
+        most: largest number of cells along an axis that counts.
+        square: 1 = distance from the square of the wall's cell, 0 = from its centre.
     """
     rows, cols = wall.shape
     far = most + 1
@@ -211,13 +224,14 @@ def squared_distance(wall: Flags, most: int) -> Ints32:
     out = np.empty((rows, cols), dtype=np.int32)
     for r in range(rows):
         for c in range(cols):
-            out[r, c] = down[r, c] * down[r, c]
+            halves = max(0, 2 * down[r, c] - square)
+            down[r, c] = out[r, c] = halves * halves
         for k in range(1, most + 1):
-            k2 = k * k
+            e2 = (2 * k - square) * (2 * k - square)
             for c in range(cols - k):
-                out[r, c] = min(out[r, c], down[r, c + k] * down[r, c + k] + k2)
+                out[r, c] = min(out[r, c], down[r, c + k] + e2)
             for c in range(k, cols):
-                out[r, c] = min(out[r, c], down[r, c - k] * down[r, c - k] + k2)
+                out[r, c] = min(out[r, c], down[r, c - k] + e2)
     return out
 
 

@@ -52,8 +52,8 @@ class PlannedRoute:
     clearance: float
     """Least distance from an obstacle, m; at most `Clearance.comfort`.
 
-    Of a route by `surefoot.navigation.plan` it is exact; of a service's it is that of the path's cells, up to 0.21
-    cells too large beside a corner."""
+    Of a route by `surefoot.navigation.plan` it is exact; of a service's it is that of the cells that the route was
+    straightened from."""
 
 
 def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = None) -> PlannedRoute:
@@ -83,10 +83,11 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     first, last = begin[0] * wide + begin[1], end[0] * wide + end[1]
     astar.search(costs.weight, first, last, marks, g)
     path = astar.trace(costs.weight, first, last, g)
-    (r0, c0), (r1, c1) = _padded(costs, entry), _padded(costs, goal)
-    corners = path[straighten.pull(costs.weight, path, r0, c0, r1, c1)]
-    between = [_centre(costs, int(cell) // wide, int(cell) % wide) for cell in corners[1:-1]]
-    points = [*([start] if entry != start else ()), entry, *between, goal]
+    ends = _padded(costs, entry), _padded(costs, goal)
+    corners = straighten.pull(costs.weight, path, *ends[0], *ends[1])
+    kept = straighten.kept_off(costs.wall, path, corners, ends, costs.clearance.radius / costs.grid.cell)
+    centres = [_centre(costs, int(cell) // wide, int(cell) % wide) for cell in path[kept]]
+    points = [*([start] if entry != start else ()), entry, *centres, goal]
     waypoints, length = _legs(points, limits.leg)
     cost = astar.cost_of(int(g[last])) / (2 * astar.STRAIGHT * astar.UNIT) * costs.grid.cell
     return PlannedRoute(start, waypoints, length, cost, costs.clearance_of(path))

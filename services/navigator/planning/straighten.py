@@ -2,9 +2,12 @@
 
 import numpy as np
 
+from surefoot.arrays import Flags
 from surefoot.kernels.jit import row_kernel
 
 from .astar import DIAGONAL, FACTOR, HEAVIEST, STRAIGHT, Bytes, Ints32
+from .gap import gap
+from .grid import Point
 
 
 @row_kernel
@@ -94,3 +97,38 @@ def pull(weight: Bytes, path: Ints32, r_start: float, c_start: float, r_goal: fl
         count += 1
         at = good
     return corners[:count]
+
+
+def kept_off(wall: Flags, path: Ints32, corners: Ints32, ends: tuple[Point, Point], most: float) -> list[int]:
+    """Return which cells of a path a line bends at so that it stays away from obstacles.
+
+    Between two corners that a straight line joins too closely, the path is halved until it does not; its single steps
+    never come too close. Too close is nearer than `most`, and nearer than the start or goal that the line begins or
+    ends at.
+
+    Args:
+        wall: True where a cell is occupied, padded, (rows + 2, cols + 2).
+        path: cells whose centres keep the distance, indices in the flattened array, (n,).
+        corners: indices into `path` as `pull` returns them, (k,).
+        ends: exact start and goal, row and column in padded cells.
+        most: distance to keep, in cells.
+
+    Returns:
+        Indices into `path` of the cells between start and goal whose centres are corners.
+    """
+    n, wide = path.size, wall.shape[1]
+    if n == 1:
+        return []
+    places = [ends[0], *((cell // wide + 0.5, cell % wide + 0.5) for cell in path.tolist()), ends[1]]
+    need = {0: gap(wall, [ends[0]], most), n + 1: gap(wall, [ends[1]], most)}
+    ahead = [n + 1, *(int(corner) + 1 for corner in corners[-2:0:-1])]  # the next one is the last
+    at, kept = 0, []
+    while ahead:
+        to = ahead[-1]
+        least = min(most, need.get(at, most), need.get(to, most)) - 1e-9
+        if to - at > 1 and gap(wall, [places[at], places[to]], least) < least:
+            ahead.append((at + to) // 2)
+            continue
+        at = ahead.pop()
+        kept.append(at - 1)
+    return kept[:-1]

@@ -60,10 +60,22 @@ def test_distances_are_those_of_scipy(seed):
     wall = np.pad(grid.cells >= 65, 1, constant_values=True)
     expected = ndimage.distance_transform_edt(~wall)
     for most in (1, 5, 60):
-        found = np.sqrt(costs_module.squared_distance(wall, most))
+        found = 0.5 * np.sqrt(costs_module.squared_distance(wall, most, 0))
         near = expected <= most
         assert found[near] == pytest.approx(expected[near])
         assert np.all(found[~near] > most)
+
+
+def test_distances_from_squares_are_those_from_the_nearest_of_all():
+    wall = np.pad(random_grid(0).cells >= 65, 1, constant_values=True)
+    places = np.stack(np.indices(wall.shape), axis=-1)[:, :, None]
+    apart = np.maximum(np.abs(places - np.argwhere(wall)) - 0.5, 0.0)
+    expected = np.hypot(apart[..., 0], apart[..., 1]).min(axis=2)
+    for most in (1, 5, 60):
+        found = 0.5 * np.sqrt(costs_module.squared_distance(wall, most, 1))
+        near = expected <= most - 0.5
+        assert found[near] == pytest.approx(expected[near])
+        assert np.all(found[~near] > most - 0.5)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -113,6 +125,21 @@ def test_every_leg_is_clear_and_within_viewing_distance():
                 line = a + np.linspace(0, 1, 40)[:, None] * (b - a)
                 gap = np.sqrt(((line[:, None] - walls) ** 2).sum(axis=2)).min()
                 assert gap > radius - 0.5 * math.sqrt(2) * costs.grid.cell  # of cell centres: half a diagonal less
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_straightened_routes_keep_as_far_off_as_their_cells(exact):
+    rng, bent = np.random.default_rng(3), 0
+    for seed in range(25):
+        costs = prepare(random_grid(seed, 50, 70, share=0.05), Clearance(radius=0.07, exact=exact))
+        for _ in range(4):
+            start, goal = free_pair(costs, rng)
+            route = plan(costs, start, goal, RouteLimits(leg=1e3))
+            ends = min(costs.clearance_along(np.array([point])) for point in (start, goal))
+            beside = 0.0 if exact else (math.sqrt(0.5) - 0.5) * costs.grid.cell  # a corner
+            assert costs.clearance_along(np.vstack((start, route.waypoints))) >= min(0.07, ends) - beside - 1e-9
+            bent += len(route.waypoints) > 1
+    assert bent > 20
 
 
 def test_in_the_open_the_route_is_straight():
