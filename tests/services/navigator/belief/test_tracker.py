@@ -108,6 +108,16 @@ def test_after_changes_nothing() -> None:
     assert cov[0, 0] > before[1][0, 0]
 
 
+def test_ticks_spread_the_error_of_a_turn_as_one_that_grows_all_the_way() -> None:
+    """A random walk of the heading, variance h over a straight way d, ends h d^2 / 3 to the side, h d / 2 with it."""
+    way, h, ticks = 2.0, 0.01, 400
+    tracker = PoseTracker(StartUncertainty(0.0, 0.0, 0.0), NOISE, NOISE)
+    for _ in range(ticks):
+        tracker.move(Motion(forward=way, heading=h).part(1.0 / ticks))
+    expected = np.array([[h * way**2 / 3.0, 0.5 * h * way], [0.5 * h * way, h]])
+    assert tracker.cov[1:3, 1:3] == pytest.approx(expected, rel=0.01)
+
+
 def test_descriptors_of_another_length_are_refused() -> None:
     tracker = PoseTracker(StartUncertainty(), NOISE, NOISE)
     rng = np.random.default_rng(0)
