@@ -57,7 +57,8 @@ def foothold(
         foot_radius: m; None = that of the model.
         nominal: where the foot would land without a choice, (2,) m; on the patch.
         model: of the slip; None = that of Ragno. It is scaled to the cells of the patch.
-        allowed: cells that the leg can reach, (ny, nx); None = all.
+        allowed: cells that the leg can reach, (ny, nx); None = all. How deep a cell lies does not count: the bottom of
+            a pit is ground like any other unless it is left out here, or unknown.
 
     Raises:
         FieldError: an argument that cannot be used; a nominal place outside of the patch.

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.geometry.heightmap import HeightMap
+from surefoot.geometry.heightmap_cells import even_edges
 from surefoot.kernels.jit import row_kernel
 
 from .features import Features, map_features, window_features
@@ -29,6 +30,9 @@ class FootholdGround:
     """Radius of the foot sphere, m."""
     smooth: bool
     """True if the heights went through the 3 x 3 median filter, False if they are as received."""
+    even: Layer
+    """Heights that the planes are fitted to, (ny, nx) m: those of the surface but for cells whose 3 x 3 window touches
+    unknown ground or the border. These are medians of opposite cells, so that no slope is less steep there."""
     relief: Relief
     """Planes fitted to the cells around every cell."""
     scale: int
@@ -64,15 +68,28 @@ def updated_ground(ground: FootholdGround, raw: HeightMap, heights: HeightMap) -
             return build_ground(heights, ground.foot_radius, ground.smooth)
         for layer in (ground.surface.z, ground.centres.z):
             layer.flags.writeable = True
-        heights.smooth_part(ground.surface.z, *_grown(rows, cols, 1, heights.shape))
+        filtered = _grown(rows, cols, 1, heights.shape)
+        heights.smooth_part(ground.surface.z, *filtered)
+        _even(heights, ground.surface.z, filtered, ground.even)
         ground.surface.dilate_part(ground.foot_radius, ground.centres.z, *_grown(rows, cols, reach, heights.shape))
         scale = scale_of(heights, ground.surface)
         every = (slice(0, heights.shape[0]), slice(0, heights.shape[1]))
         moved = (rows, cols) if scale == ground.scale else every
         near = _grown(*moved, 1 + scale, heights.shape)
-        update_relief(ground.surface.z, heights.cell, scale, ground.relief, near)
+        update_relief(ground.even, heights.cell, scale, ground.relief, near)
         ground = replace(ground, scale=scale)
     return replace(ground, surface=heights.derived(ground.surface.z), centres=heights.derived(ground.centres.z))
+
+
+def _even(raw: HeightMap, filtered: Layer, part: tuple[int, int, int, int], out: Layer) -> None:
+    """Write the heights that planes are fitted to, see `FootholdGround.even`, into a part of `out`, (ny, nx) m.
+
+    `raw`: map as received; `filtered`: its heights after the median filter; `part`: first row, row behind the last,
+    first column, column behind the last.
+    """
+    row0, row1, col0, col1 = part
+    out[row0:row1, col0:col1] = filtered[row0:row1, col0:col1]
+    even_edges(raw.z, 6, part, out)
 
 
 def changed_cells(old: Layer, new: Layer) -> tuple[slice, slice]:
@@ -124,10 +141,14 @@ def build_ground(
     """
     surface = heights.smoothed() if smooth else heights
     scale = scale_of(heights, surface)
-    relief = relief_of(surface.z, surface.cell, scale)
+    even = surface.z
+    if smooth:
+        even = np.empty_like(surface.z)
+        _even(heights, surface.z, (0, heights.shape[0], 0, heights.shape[1]), even)
+    relief = relief_of(even, surface.cell, scale)
     if variance is not None:
         blur_relief(relief, variance, surface.cell, scale)
-    return FootholdGround(surface, surface.dilated(foot_radius), foot_radius, smooth, relief, scale)
+    return FootholdGround(surface, surface.dilated(foot_radius), foot_radius, smooth, even, relief, scale)
 
 
 def ground_features(

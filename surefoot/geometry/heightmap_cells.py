@@ -238,11 +238,36 @@ def median3(z: Heights, min_known: int, part: Part, out: Heights) -> None:
                 target[j] = unknown
         for j in range(col0, col1):
             if np.isnan(target[j]):
-                target[j] = _median_of(z, i, j, min_known, window)
+                target[j] = _median_of(z, i, j, min_known, False, window)
 
 
 @row_kernel
-def _median_of(z: Heights, i: int, j: int, min_known: int, window: Heights) -> np.float32:
+def even_edges(z: Heights, min_known: int, part: Part, out: Heights) -> None:
+    """Write the median of pairs of opposite cells in incomplete 3 x 3 windows about the cells of a part into `out`.
+
+    Such windows touch unknown ground or the border. A pair counts if both of its cells are known, so that a slope is as
+    steep there as elsewhere. Cells with complete windows are left as they are.
+
+    Args:
+        z: heights of the ground, (ny, nx) m, NaN = unknown.
+        min_known: an unknown cell needs so many known neighbours, otherwise it is NaN.
+        part: first row, end of the rows, first column, end of the columns; the ends are left out.
+        out: heights filtered by `median3`, (ny, nx) m; those of incomplete windows in the part are overwritten.
+    """
+    row0, row1, col0, col1 = part
+    ny, nx = z.shape
+    window = np.empty(9, dtype=np.float32)
+    for i in range(row0, row1):
+        for j in range(col0, col1):
+            whole = i > 0 and j > 0 and i < ny - 1 and j < nx - 1
+            for k in range(9 if whole else 0):
+                whole = whole and not np.isnan(z[i + k // 3 - 1, j + k % 3 - 1])
+            if not whole:
+                out[i, j] = _median_of(z, i, j, min_known, True, window)
+
+
+@row_kernel
+def _median_of(z: Heights, i: int, j: int, min_known: int, pairs: bool, window: Heights) -> np.float32:
     """Return the median of the known heights in the 3 x 3 window about cell (i, j), m; NaN where too few are known.
 
     Args:
@@ -250,14 +275,19 @@ def _median_of(z: Heights, i: int, j: int, min_known: int, window: Heights) -> n
         i: row of the cell.
         j: column of the cell.
         min_known: if the cell is unknown, it needs so many known neighbours.
-        window: (9,), overwritten by the known heights in rising order.
+        pairs: True: a height counts only if that of the cell opposite is known too.
+        window: (9,), overwritten by the heights that count, in rising order.
     """
     ny, nx = z.shape
-    n = 0
+    n, known = 0, 0
     for r in range(max(0, i - 1), min(ny, i + 2)):
         for c in range(max(0, j - 1), min(nx, j + 2)):
             value = z[r, c]
             if np.isnan(value):
+                continue
+            known += 1
+            r2, c2 = 2 * i - r, 2 * j - c
+            if pairs and (r2 < 0 or c2 < 0 or r2 >= ny or c2 >= nx or np.isnan(z[r2, c2])):
                 continue
             k = n
             while k > 0 and window[k - 1] > value:
@@ -265,6 +295,6 @@ def _median_of(z: Heights, i: int, j: int, min_known: int, window: Heights) -> n
                 k -= 1
             window[k] = value
             n += 1
-    if n == 0 or (np.isnan(z[i, j]) and n < min_known):
+    if n == 0 or (np.isnan(z[i, j]) and known < min_known):
         return np.float32(np.nan)
     return np.float32(0.5) * (window[(n - 1) // 2] + window[n // 2])

@@ -72,6 +72,23 @@ def median(z: np.ndarray, min_known: int) -> np.ndarray:
     return out
 
 
+def test_planes_are_fitted_to_slopes_that_are_even_beside_unknown_ground_and_at_the_border() -> None:
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[0:20, 0:25] * CELL
+    z = (0.5 * x - 0.3 * y).astype(np.float32)
+    seen = np.where(rng.random(z.shape) < 0.2, np.nan, z).astype(np.float32)
+    seen[5:12, 8:12] = np.nan
+    ground = build_ground(heights(seen), 0.008)
+    known = ~np.isnan(ground.even)
+    assert (known & np.isnan(seen)).any()
+    np.testing.assert_array_equal(known, ~np.isnan(ground.surface.z))
+    assert ground.even[known] == pytest.approx(z[known], abs=1e-6)
+    fitted = ~np.isnan(ground.relief.slope_x)
+    assert fitted.sum() > 0.8 * fitted[1:-1, 1:-1].size
+    assert ground.relief.slope_x[fitted] == pytest.approx(0.5, abs=1e-4)
+    assert ground.relief.slope_y[fitted] == pytest.approx(-0.3, abs=1e-4)
+
+
 @pytest.mark.parametrize("shape", [(30, 41), (1, 5), (5, 1), (2, 2), (3, 3), (1, 1)])
 def test_the_median_is_that_of_plain_loops(shape: tuple[int, int]) -> None:
     for seed in range(3):

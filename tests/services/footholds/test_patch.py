@@ -146,3 +146,14 @@ def test_the_noise_of_a_large_map_is_found_by_cells_on_both_sides_of_its_middle(
             scales.append(scale_of(raw, raw.smoothed()))
         assert scales[0] > 1
         assert len(set(scales)) == 1
+
+
+@pytest.mark.parametrize("degrees", [10.0, 20.0, 30.0])
+@pytest.mark.parametrize("gap", ["ahead", "behind", "aside", "drop-outs", "none"])
+def test_on_an_even_slope_no_foot_goes_to_the_edge_of_what_is_known(degrees: float, gap: str) -> None:
+    y, x = 0.005 * (np.mgrid[0:61, 0:61] - 30)
+    z = math.tan(math.radians(degrees)) * x
+    unknown = {"ahead": abs(x - 0.035) < 0.015, "behind": abs(x + 0.035) < 0.015, "aside": abs(y - 0.035) < 0.015}
+    unknown |= {"drop-outs": np.random.default_rng(0).random(z.shape) < 0.02, "none": z > 1.0}
+    z[unknown[gap]] = np.nan
+    assert chosen(z).foothold[:2] == pytest.approx((0.0, 0.0))
