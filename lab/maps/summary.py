@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.arguments import number
 from surefoot.services.navigator.belief import landmark_files
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.planning import map_files
-from surefoot.services.navigator.planning.costs import Clearance, prepare
+from surefoot.services.navigator.planning.costs import WIDEST, Clearance, prepare
 from surefoot.services.navigator.planning.grid import FREE, UNKNOWN, FloorGrid
 from surefoot.services.vision.feature_map import has_features
 from surefoot.services.vision.feature_map import load as load_features
@@ -86,7 +87,8 @@ def copied(world: FloorLandmarks) -> int:
 
 
 def _grid(grid: FloorGrid, radius: float) -> Summary:
-    costs = prepare(grid, Clearance(radius=radius, comfort=max(0.35, radius)))
+    number(radius, "radius", "m, 200 cells", low=0.0, high=WIDEST * grid.cell)
+    costs = prepare(grid, Clearance(radius=radius, comfort=radius), lasting=False)
     sizes = np.bincount(costs.region.ravel())[1:]
     largest = float(sizes.max()) / grid.cells.size if sizes.size else 0.0
     facts = {

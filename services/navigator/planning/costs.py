@@ -181,8 +181,9 @@ def _table(clearance: Clearance, cell: float, most: int) -> Bytes:
     d, span = 0.5 * halves * cell, clearance.comfort - clearance.radius
     near = np.clip((clearance.comfort - d) / span, 0.0, 1.0) if span > 0.0 else 0.0
     table = np.rint(UNIT * (1.0 + (clearance.dearest - 1.0) * near)).astype(np.uint8)
-    table[d < clearance.radius - 1e-9] = table[0] = 0  # an obstacle is blocked for a robot without a radius too
-    return table
+    blocked = d < clearance.radius - 1e-9
+    blocked[0] = True  # an obstacle, for a robot without a radius too
+    return np.where(blocked, np.uint8(0), table)
 
 
 def _mark_even(weight: Bytes) -> None:

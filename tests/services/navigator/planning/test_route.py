@@ -142,6 +142,14 @@ def test_straightened_routes_keep_as_far_off_as_their_cells(exact):
     assert bent > 20
 
 
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_robot_that_keeps_its_radius_only_has_equal_costs_everywhere(exact):
+    costs = prepare(random_grid(1), Clearance(radius=0.12, comfort=0.12, exact=exact))
+    assert set((costs.weight & astar.FACTOR).ravel().tolist()) == {0, astar.UNIT}
+    wall = np.pad(costs.grid.cells >= 65, 1, constant_values=True)
+    assert not costs.weight[wall].any()
+
+
 def test_in_the_open_the_route_is_straight():
     costs = prepare(FloorGrid(np.zeros((200, 200), dtype=np.int8), 0.05))
     route = plan(costs, (1.0, 1.0), (8.7, 5.3), RouteLimits(leg=100.0))
