@@ -102,7 +102,8 @@ def _checked(point: Point, field: str) -> Point:
 def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, int], Point]:
     """Return padded cell (row, column) and position (m, frame map) at which a route begins.
 
-    It is the start, or the nearest free cell if that is within `limits.slack` m of it.
+    It is the start, or the nearest free cell within `limits.slack` m of it that a straight line leads to without
+    crossing an obstacle; out of an obstacle that holds the start itself any line may lead.
 
     Raises:
         RouteError: the start is outside of the map, or blocked and far from free cells.
@@ -114,7 +115,31 @@ def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, 
         if error.code != "blocked" or near is None or math.dist(near, start) > limits.slack:
             raise
         row, col = costs.grid.index(*near)
-        return (row + 1, col + 1), near
+        found = _way_out(costs, start, (row + 1, col + 1), limits.slack)
+        if found is None:
+            raise
+        return found, _centre(costs, *found)
+
+
+def _way_out(costs: Costs, start: Point, nearest: tuple[int, int], slack: float) -> tuple[int, int] | None:
+    """Return the padded free cell by which a blocked start is left, at most `slack` m away; None = walls are between.
+
+    `start`: x, y in m, frame map; `nearest`: row and column of the nearest free cell, padded.
+    """
+    (r, c), reach = _padded(costs, start), slack / costs.grid.cell
+    r0, c0 = max(0, int(r - reach)), max(0, int(c - reach))
+    part = np.s_[r0 : int(r + reach) + 2, c0 : int(c + reach) + 2]
+    passable = np.where(costs.wall[part], 0, astar.UNIT).astype(np.uint8)
+    if passable[int(r) - r0, int(c) - c0] == 0:
+        return nearest
+    rows, cols = np.nonzero(costs.weight[part])
+    apart = np.hypot(rows + (r0 + 0.5) - r, cols + (c0 + 0.5) - c)
+    others = [(int(rows[k]) + r0, int(cols[k]) + c0) for k in np.argsort(apart, kind="stable") if apart[k] <= reach]
+    for row, col in (nearest, *others):
+        line = straighten.line_cost(passable, r - r0, c - c0, row - r0 + 0.5, col - c0 + 0.5)
+        if line >= 0.0:
+            return row, col
+    return None
 
 
 def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:

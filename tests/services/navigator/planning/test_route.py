@@ -222,6 +222,40 @@ def test_a_robot_beside_a_wall_may_walk_away_from_it():
         plan(costs, (2.95, 1.0), (1.0, 1.0), RouteLimits(slack=0.05))
 
 
+def test_a_robot_between_walls_does_not_leave_through_one():
+    cells = np.zeros((40, 60), dtype=np.int8)
+    cells[:, [20, 25]] = 100  # 0.2 m between thin walls
+    costs = prepare(FloorGrid(cells, 0.05), Clearance(radius=0.15))
+    with pytest.raises(RouteError) as caught:
+        plan(costs, (1.10, 1.20), (0.3, 0.6))  # the nearest free cell is behind the left wall
+    assert caught.value.code == "blocked"
+    assert plan(costs, (1.02, 1.20), (0.3, 0.6)).waypoints[-1].tolist() == [0.3, 0.6]  # in the wall: any way out
+    cells[:] = 0
+    cells[0:12, 20] = 100
+    cells[:, 25] = 100
+    niche = prepare(FloorGrid(cells, 0.05), Clearance(radius=0.12))
+    route = plan(niche, (1.11, 0.55), (0.3, 0.3))  # free cells behind the wall are as near as those beyond its end
+    assert niche.clearance_along(np.vstack((route.start, route.waypoints))) > 0.03
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_route_crosses_an_obstacle_unless_its_start_lies_in_one(seed):
+    rng, left = np.random.default_rng(seed), 0
+    for _ in range(60):
+        cells = np.where(rng.random((24, 24)) < 0.05, 100, 0).astype(np.int8)
+        costs = prepare(FloorGrid(cells, 0.05), Clearance(radius=0.05 * rng.choice([0.7, 1.5, 2.2])))
+        start, goal = rng.uniform(0.0, 1.2, (2, 2)).tolist()
+        try:
+            route = plan(costs, start, goal)
+        except RouteError:
+            continue
+        row, col = costs.grid.index(*start)
+        if cells[row, col] == 0:
+            left += costs.weight[row + 1, col + 1] == 0
+            assert costs.clearance_along(np.vstack((start, route.waypoints))) > 0.0
+    assert left > 2
+
+
 def test_a_map_without_free_cells_refuses_everything():
     costs = prepare(FloorGrid(np.full((10, 10), -1, dtype=np.int8), 0.05))
     with pytest.raises(RouteError) as error:
