@@ -256,13 +256,14 @@ def even_edges(z: Heights, min_known: int, part: Part, out: Heights) -> None:
     """
     row0, row1, col0, col1 = part
     ny, nx = z.shape
-    window = np.empty(9, dtype=np.float32)
+    window, sums = np.empty(9, dtype=np.float32), np.empty(nx, dtype=np.float32)  # of three rows: NaN if one cell is
     for i in range(row0, row1):
+        inner = 0 < i < ny - 1
+        if inner:
+            for j in range(max(col0 - 1, 0), min(col1 + 1, nx)):
+                sums[j] = z[i - 1, j] + z[i, j] + z[i + 1, j]
         for j in range(col0, col1):
-            whole = i > 0 and j > 0 and i < ny - 1 and j < nx - 1
-            for k in range(9 if whole else 0):
-                whole = whole and not np.isnan(z[i + k // 3 - 1, j + k % 3 - 1])
-            if not whole:
+            if not inner or j == 0 or j == nx - 1 or np.isnan(sums[j - 1] + sums[j] + sums[j + 1]):
                 out[i, j] = _median_of(z, i, j, min_known, True, window)
 
 
