@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, cast
 from pydantic_core import from_json
 
 from surefoot.bus.codec import MAX_JSON_BYTES
+from surefoot.bus.seal_times import SealTimes
 from surefoot.bus.seals import BORN, DRAWN, DRIVER, MOST_KNOWN, SEAL, born_ms, seal_of
 
 MOST_NAMED, MOST_SHOWN, OTHERS = 16, 80, "other keys"
@@ -37,9 +38,10 @@ class Guard:
         self._names, self._services = set[str](), set[str]()
         self._drivers: dict[str, None] = {}
         self._crowded = False
-        self._newest: dict[str, int] = {}
-        """Time of the newest sealed message of each key, ns of monotonic time."""
+        self._windows: dict[str, SealTimes] = {}
+        """Times of the newest sealed messages of each key."""
         self._forged: dict[str, int] = {}
+        self._late: dict[str, int] = {}
 
     def on_token(self, service: str, instance: str) -> None:
         """Record a token: messages of a service whose process has a sealed name must be sealed from now on.
@@ -58,16 +60,26 @@ class Guard:
             self._services.add(DRIVER)
 
     def passes(self, owner: str, message: Sealed) -> bool:
-        """Return whether a message of a service may be read; one without its seal, or that came before, is counted."""
+        """Return whether a message of a service may be read; one without its seal, or that came before, is counted.
+
+        One that a later message of its key has overtaken is counted as late and not read either: reports of ticks,
+        heartbeats and maps hold until the next.
+        """
         if owner not in self._services:
             return True
         key, number = message.key, int(message.number or b"0")
         name = f"{key} {number}".encode()
         seal = seal_of(self._secret, name, message.attachment or b"", message.payload)
-        if not secrets.compare_digest(message.seal, seal) or number <= self._newest.get(key, 0):
+        if not secrets.compare_digest(message.seal, seal):
             return self._refuse(key)
-        self._newest[key] = number
-        return True
+        window = self._windows.setdefault(key, SealTimes())
+        code = window.fault(number)
+        if code == "replayed":
+            return self._refuse(key)
+        window.add(number)
+        if code:
+            _count(self._late, key)
+        return not code
 
     def owns(self, key: str, owner: str, payload: bytes) -> bool:
         """Return whether a message comes on the key of the service that it names as its source, or names none.
@@ -83,13 +95,23 @@ class Guard:
         return all(source in ("", owner) for source in sources) or self._refuse(key.rpartition("/")[0] + "/*")
 
     def _refuse(self, key: str) -> bool:
-        key = key[:MOST_SHOWN]
-        if key not in self._forged and len(self._forged) >= MOST_NAMED:
-            key = OTHERS
-        self._forged[key] = self._forged.get(key, 0) + 1
+        _count(self._forged, key)
         return False
 
     def forged(self) -> list[tuple[str, int]]:
         """Return key and number of the messages that were refused since the last call."""
         found, self._forged = list(self._forged.items()), {}
         return found
+
+    def late(self) -> list[tuple[str, int]]:
+        """Return key and number of the messages that came late, after later ones, since the last call."""
+        found, self._late = list(self._late.items()), {}
+        return found
+
+
+def _count(counts: dict[str, int], key: str) -> None:
+    """Count a message under its key, cut to `MOST_SHOWN`, or from `MOST_NAMED` keys on under `OTHERS`."""
+    key = key[:MOST_SHOWN]
+    if key not in counts and len(counts) >= MOST_NAMED:
+        key = OTHERS
+    counts[key] = counts.get(key, 0) + 1

@@ -42,10 +42,10 @@ class LinkTrouble(NamedTuple):
     """Fault of the link to a peer, with reason, text for the log and name of the peer.
 
     Attributes:
-        reason: `unread` the peer reads nothing, `unlinked` it is alive but has no link to this process, `forged`
-            messages in the name of a process lack its seal.
+        reason: `unread` the peer reads nothing, `unlinked` it is alive but has no link to this process, `late`
+            messages of a process come after later ones, `forged` messages in the name of a process lack its seal.
         text: message for the log.
-        peer: name of its session; of forged messages their key.
+        peer: name of its session; of late and forged messages their key.
     """
 
     reason: str

@@ -283,7 +283,8 @@ class ZenohBus:
         forged = [
             LinkTrouble("forged", f"{n}x {key} without the seal of its service", key) for key, n in self._guard.forged()
         ]
-        return [*self._unread.look(), *lost, *forged, *self._refused_answers()]
+        late = [LinkTrouble("late", f"{n}x {key} after later ones", key) for key, n in self._guard.late()]
+        return [*self._unread.look(), *lost, *forged, *late, *self._refused_answers()]
 
     def _refused_answers(self) -> list[LinkTrouble]:
         """Return the answers to queries of this process that were refused since the last call, by key and process."""

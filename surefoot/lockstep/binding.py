@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from surefoot.bus.frame import Frame
 from surefoot.bus.interface import Delivery, Life
+from surefoot.bus.seal_times import SealTimes
 from surefoot.errors import Refusal
 from surefoot.lockstep.join import DRIVER
 from surefoot.schemas.topics import HW_TICK
@@ -37,10 +38,16 @@ class Bindings:
 
     Args:
         born_ms: returns when a process of a service got its sealed name, 0 = its name is not sealed.
+        counts: counter of refusals by reason, to which late frames are added; None = one of its own.
     """
 
-    def __init__(self, born_ms: Callable[[str, str], int] = lambda service, instance: 0) -> None:
+    def __init__(
+        self,
+        born_ms: Callable[[str, str], int] = lambda service, instance: 0,
+        counts: Counter[str] | None = None,
+    ) -> None:
         self._born_ms = born_ms
+        self._counts = Counter[str]() if counts is None else counts
         self._visible: dict[str, dict[str, None]] = {}
         self.bound: dict[str, str] = {}
         """Name of the process that each service is bound to, by service."""
@@ -48,8 +55,8 @@ class Bindings:
         """Seal of the last sealed process that each service was bound to, by service."""
         self._sealed = set[tuple[str, str]]()
         """Pairs of service and process name whose frames must be sealed; only processes of the system are added."""
-        self._newest: dict[tuple[str, str], int] = {}
-        """Time of the seal of the newest frame by key and process, ns of monotonic time."""
+        self._windows: dict[tuple[str, str], SealTimes] = {}
+        """Times of the seals of the newest frames by key and process."""
         self._early: Counter[tuple[str, str]] = Counter()
         self._turn: Counter[str] = Counter()
         """Index from which ``candidates`` begins at its next call, by service, if there are more than `MOST_TRIED`
@@ -136,16 +143,43 @@ class Bindings:
         if seal.born_ms:
             self._seals[service] = seal
 
-    def check_seal(self, frame: Frame) -> None:
-        """Raise a Refusal if a frame has the sealed name of a visible process, but no seal (forged), or came before."""
-        if code := self.fault_of(frame):
+    def opened(self, frame: Frame) -> list[Delivery]:
+        """Return the messages of a frame; of a late one, which is counted, without tests of links (primes).
+
+        A late prime may be one of a run that is over, and is sent again anyway; of all other messages the tick decides.
+
+        Raises:
+            Refusal: as `Frame.deliveries` and `check_seal`.
+        """
+        deliveries = frame.deliveries(self.bound.get(frame.owner) == frame.instance)
+        if self.check_seal(frame):
+            return deliveries
+        self._counts["late"] += 1
+        return [one for one in deliveries if not is_prime(one)]
+
+    def check_seal(self, frame: Frame) -> bool:
+        """Return whether a frame is the newest of its key and process; False: it is late, overtaken on the way.
+
+        Raises:
+            Refusal: it has the sealed name of a visible process, but no seal (forged), or came before (replayed).
+        """
+        code = self.fault_of(frame)
+        if code and code != "late":
             how = "one of an earlier time" if code == "replayed" else "without a seal"
             raise Refusal(code, f"frame of the {frame.owner} in the name of {frame.instance!r}, {how}")
         if (frame.owner, frame.instance) in self._sealed:
-            self._newest[frame.family, frame.instance] = frame.sealed_ns
+            place = frame.family, frame.instance
+            window = self._windows.get(place)
+            if window is None:
+                window = self._windows[place] = SealTimes()
+            window.add(frame.sealed_ns)
+        return not code
 
     def fault_of(self, frame: Frame) -> str:
-        """Return why a frame is not what its process published, `forged` or `replayed`; "" if nothing shows that."""
+        """Return why a frame is not the newest that its process published, "" if nothing shows that.
+
+        `forged` it has no seal, `replayed` it came before or is too old to know, `late` it did not come before.
+        """
         place = frame.owner, frame.instance
         if place not in self._sealed:
             if not self._seal(*place).born_ms:
@@ -153,7 +187,8 @@ class Bindings:
             self._sealed.add(place)
         if not frame.sealed:
             return "forged"
-        return "replayed" if frame.sealed_ns <= self._newest.get((frame.family, frame.instance), 0) else ""
+        window = self._windows.get((frame.family, frame.instance))
+        return "" if window is None else window.fault(frame.sealed_ns)
 
     def note_early(self, service: str, instance: str) -> None:
         """Count a frame of a process that the service is not bound to, as it may be bound later (see ``forgive``)."""

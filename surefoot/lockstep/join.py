@@ -105,7 +105,7 @@ class Join:
         """`outrun`: True while ticks come of a later run, of which this service was not informed (by a prime)."""
         self.begun: int = 0
         """Number of times a run began, including again for a service that another process had misled."""
-        self._newest = self._admitted = -1
+        self._newest = self._admitted = self._version = -1
         self._first_ns, self._last_ns = -math.inf, math.inf
         """`_first_ns`: least accepted stamp, ns; `_last_ns`: greatest one in tick 0, ns, 10 ms more per later tick."""
         self._announced = -1
@@ -236,7 +236,7 @@ class Join:
         self.epoch = epoch
         self.begun += 1
         self._first_ns, self._last_ns = -math.inf, math.inf  # until the first tick
-        self.last = self._newest = self._admitted = -1
+        self.last = self._newest = self._admitted = self._version = -1
         self.on_roster = self.outrun = False
         self._unbegun = self._repeated = 0
         self._lacking = None
@@ -250,9 +250,10 @@ class Join:
         self._lacking = None
         if tick.epoch > self.epoch:
             self._begin(tick.epoch)
-        if self.service not in tick.roster:
-            self.on_roster = False
+        if self.service not in tick.roster:  # unless a later tick, of a newer roster, has overtaken this one
+            self.on_roster = self.on_roster and tick.roster_version < self._version
             return "not_on_roster"
+        self._version = max(self._version, tick.roster_version)
         first = dict(zip(tick.roster, tick.since, strict=False)).get(self.service, 0)
         if tick.tick < first:
             return "not_on_roster"

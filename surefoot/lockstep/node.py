@@ -50,10 +50,10 @@ class Node:
         self.instance = bus.new_instance()
         self.inbox = Inbox()
         self.join = Join(service.name, service.inputs, service.batched)
-        self.bindings = Bindings(bus.born_ms)
+        self.refused: Counter[str] = Counter()
+        self.bindings = Bindings(bus.born_ms, self.refused)
         self._bound = self.bindings.bound
         self.ages = Ages(() if service.raw else service.inputs)
-        self.refused: Counter[str] = Counter()
         self._logged: set[tuple[str, str]] = set()
         self.tick_us: deque[float] = deque(maxlen=2000)
         self.state, self.stopping = "starting", False
@@ -214,8 +214,7 @@ class Node:
 
     def _on_frame(self, frame: Frame) -> None:
         try:
-            deliveries = frame.deliveries(self._bound.get(frame.owner) == frame.instance)
-            self.bindings.check_seal(frame)
+            deliveries = self.bindings.opened(frame)
         except Refusal as refusal:
             known = refusal.code != "unbound" or frame.owner in self._bound  # else it may be early, and is bound soon
             self.refuse(refusal.code, refusal.message if known else "", frame.owner)

@@ -5,13 +5,17 @@ from itertools import permutations
 
 import pytest
 
+from surefoot.bus.codec import encode
 from surefoot.bus.frame import Frame, FramePart, pack
 from surefoot.bus.interface import Life, Stamp
+from surefoot.bus.memory import MemoryBus
 from surefoot.bus.seals import born_ms
 from surefoot.errors import Refusal
 from surefoot.lockstep.binding import MOST_TRIED, Bindings
-from surefoot.schemas.topics import CMD_JOINTS
+from surefoot.schemas.hw import Tick
+from surefoot.schemas.topics import CMD_JOINTS, HW_IMU, HW_TICK, TICK_NS
 from tests.surefoot.expect import expect_error
+from tests.surefoot.lockstep.node_bench import IMU, Bench
 
 
 def born(service: str, instance: str) -> int:
@@ -143,6 +147,45 @@ def test_a_frame_counts_once_and_none_of_an_earlier_time() -> None:
     with expect_error(Refusal, "forged"):
         table.check_seal(frame("walker@5", "another"))
     table.check_seal(frame("walker@5", "s"))
+
+
+def test_a_frame_that_later_ones_overtook_is_late_and_counts_once_too() -> None:
+    table = Table()
+    table.comes("walker", "walker@5")
+    first, second, third = (frame("walker@5", "s") for _ in range(3))
+    for one in (first, third):
+        assert table.check_seal(one)
+    assert not table.check_seal(second)
+    for replay in (first, second, third):
+        with expect_error(Refusal, "replayed"):
+            table.check_seal(replay)
+
+
+def test_ticks_of_the_driver_that_come_in_another_order_are_done_in_theirs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MemoryBus, "born_ms", lambda bus, service, instance: born(service, instance))
+    bench = Bench()
+    for service in ("sim", "driver"):
+        bench.node.handle(Life(service, "sim@5", True))
+    prime, again, *ticks = (driven(tick) for tick in (-1, -1, 0, 1, 2, 3))
+    for one in (prime, ticks[0], ticks[2], ticks[1], again, ticks[3]):
+        bench.node.handle(one)
+        bench.node.pump()
+    assert (bench.subject.ticks, bench.node.refused) == ([0, 1, 2, 3], {"late": 2})
+    bench.node.handle(ticks[1])
+    assert bench.node.refused == {"late": 2, "replayed": 1}
+
+
+def driven(tick: int) -> Frame:
+    """Return a sealed frame of the driver: manifest and inertial sample of a tick; -1: prime."""
+    stamp = Stamp(tick, 1, max(0, tick) * TICK_NS, max(0, tick))
+    messages = [(HW_TICK, Tick(roster=("estimator",), roster_version=1, due=(HW_IMU.key,), mode="lockstep"))]
+    messages += [(HW_IMU, IMU)] if tick >= 0 else []
+    parts = [
+        FramePart(topic.key, encode(one.stamped(stamp.stamp_ns, tick, 1, stamp.seq, "driver"))[0], stamp)
+        for topic, one in messages
+    ]
+    wanted = {HW_TICK.key: HW_TICK, HW_IMU.key: HW_IMU}
+    return Frame("driver", wanted, *pack(parts, "sim@5", "s", "@frame/driver"), "s", "@frame/driver")
 
 
 def test_a_name_that_is_not_ascii_ends_nothing() -> None:

@@ -55,6 +55,20 @@ def test_ticks_before_a_service_was_admitted_are_not_counted_once_it_is(bench: B
     assert (bench.subject.ticks, bench.node.refused) == ([3], {})
 
 
+def test_a_tick_of_an_older_roster_that_comes_late_takes_no_service_off_the_newer_one(bench: Bench) -> None:
+    bench.signed_tick("real", 2, version=1, roster=("walker",))
+    for tick in (3, 4):
+        bench.imu(tick)
+        bench.signed_tick("real", tick, version=2, since=(3,))
+    bench.signed_tick("real", 2, version=1, roster=("walker",))
+    bench.imu(5)
+    bench.signed_tick("real", 5, version=2, since=(3,))
+    assert bench.subject.ticks == [3, 4, 5]
+    assert bench.node.join.on_roster
+    bench.signed_tick("real", 5, version=3, roster=("walker",))
+    assert not bench.node.join.on_roster
+
+
 def test_a_manifest_of_a_far_epoch_by_a_stranger_is_refused(bench: Bench) -> None:
     walk(bench, range(3))
     bench.signed_tick("stranger", 0, epoch=10**9)
