@@ -311,6 +311,9 @@ def _status(folder: "RunFolder") -> dict[str, Any]:
                     row |= health_row(robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 0.5).health)
                 except CallError as error:
                     row["detail"] = row["detail"] or error.message
+            with suppress(CallError):  # what it refuses or drops comes from clients, whose links end at its router
+                found = robot.bus.call(HEALTH_GET.of("supervisor"), HealthRequest(), 0.5).health
+                content["supervisor"] = found.model_dump(include={"refused", "dropped"})
             with suppress(CallError):  # the driver of a real robot has no simulated time
                 content["time"] = time_row(robot.bus.call(SIM_STATUS_GET, StatusRequest(), 0.5))
     except SurefootError as error:
@@ -340,6 +343,8 @@ def _show_status(name: str, content: dict[str, Any], hints: Sequence[str] = (), 
     title = f"{name}: {content['namespace']} at {content['connect']}" if content["connect"] else ""
     columns = ("service", "state", "doing", "pid", "restarts", "tick us p50 / p99", "MB", "remarks")
     write_table(columns, rows, title, right=(3, 4, 5, 6))
+    if remarks := _remarks({"detail": "", **content.get("supervisor", {})}):
+        write(f"supervisor: {remarks}")
     if "time" in content:
         write(content["time"]["words"])
     if "detail" in content:

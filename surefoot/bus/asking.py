@@ -23,12 +23,10 @@ from surefoot.bus.mesh import tokens_of, visible_to
 from surefoot.bus.pour import keep_thread_state
 from surefoot.bus.publish import participants_key
 from surefoot.bus.seals import ASKED, Asked, born_ms, new_digits, without_seal
+from surefoot.bus.tokens import LIVE, STARTS
 from surefoot.errors import CallError
 from surefoot.schemas.topics import HEALTH_GET, Query
 
-LIVE, STARTS = "alive", "starts"
-"""`LIVE`: first word of the liveliness-token key of a process that is ready; `STARTS`: first word of the key that a
-process shows from its start on."""
 TOKENS_S = 0.5
 """Limit on the wait for the liveliness tokens of a service, s; they usually come within a millisecond."""
 MEANWHILE_S = 0.5

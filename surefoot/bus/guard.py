@@ -8,6 +8,7 @@ from pydantic_core import from_json
 from surefoot.bus.codec import MAX_JSON_BYTES
 from surefoot.bus.seal_times import SealTimes
 from surefoot.bus.seals import BORN, DRAWN, DRIVER, MOST_KNOWN, SEAL, born_ms, seal_of
+from surefoot.bus.unread import LinkTrouble
 
 MOST_NAMED, MOST_SHOWN, OTHERS = 16, 80, "other keys"
 """`MOST_NAMED`: largest number of keys of refused messages that a report names; `MOST_SHOWN`: characters to which each
@@ -107,6 +108,11 @@ class Guard:
         """Return key and number of the messages that came late, after later ones, since the last call."""
         found, self._late = list(self._late.items()), {}
         return found
+
+    def troubles(self) -> list[LinkTrouble]:
+        """Return what was refused or late since the last call, as reports for health and log."""
+        forged = [LinkTrouble("forged", f"{n}x {key} without the seal of its service", key) for key, n in self.forged()]
+        return [*forged, *(LinkTrouble("late", f"{n}x {key} after later ones", key, n) for key, n in self.late())]
 
 
 def _count(counts: dict[str, int], key: str) -> None:

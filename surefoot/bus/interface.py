@@ -287,8 +287,16 @@ class Bus(Protocol):
         """
         ...
 
-    def watch(self, sink: Callable[[Life], Any]) -> None:
-        """Deliver a notice whenever a process of a service appears or leaves; first one for each that is there."""
+    def watch(self, sink: Callable[[Life], Any], services: Iterable[str] | None = None) -> None:
+        """Deliver a notice whenever a process of a service appears or leaves; first one for each that is there.
+
+        A bus that knows the services of its system may leave out processes of others than ``services`` (None: than
+        those of the system).
+        """
+        ...
+
+    def add_watched(self, service: str) -> None:
+        """Deliver such notices of one more service, too, to all who watch."""
         ...
 
     def look_at_links(self) -> "list[LinkTrouble]":

@@ -195,10 +195,13 @@ class MemoryBus:
             for watcher in self._watchers:
                 watcher(Life(life.service, life.instance, False))
 
-    def watch(self, sink: Callable[[Life], Any]) -> None:
+    def watch(self, sink: Callable[[Life], Any], services: Iterable[str] | None = None) -> None:
         self._watchers.append(sink)
         for life in self._alive:
             sink(life)
+
+    def add_watched(self, service: str) -> None:
+        return  # all are watched
 
     def close(self) -> None:
         self._sinks.clear()

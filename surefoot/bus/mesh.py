@@ -9,7 +9,7 @@ makes then. Therefore the router is asked first whether the missing process is a
 # pyright: reportUnknownMemberType=false
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 
 import zenoh
@@ -102,17 +102,28 @@ def visible_to(session: zenoh.Session, tokens: str, timeout_s: float) -> set[str
 
 
 def tokens_of(session: zenoh.Session, tokens: str, timeout_s: float) -> list[str]:
-    """Return the keys of the liveliness tokens that match the key expression ``tokens``, in ``timeout_s`` s at most.
+    """Return the keys of the liveliness tokens that match the key expression ``tokens``, in ``timeout_s`` s at most."""
+    return tokens_of_any(session, (tokens,), timeout_s)
+
+
+def tokens_of_any(session: zenoh.Session, tokens: Collection[str], timeout_s: float) -> list[str]:
+    """Return the keys of the liveliness tokens that match any of some key expressions, in ``timeout_s`` s at most.
 
     A peer knows most tokens itself, and Zenoh passes these on within the call, in the calling thread. A channel of
     limited size, as Zenoh's default of 256, would block the whole session for good if a stranger shows more tokens.
     """
-    found, over = list[str](), threading.Event()
+    found, over, open_ = list[str](), threading.Event(), list(tokens)
 
     def on_reply(reply: zenoh.Reply) -> None:
         if reply.ok is not None:
             found.append(str(reply.ok.key_expr))
 
-    session.liveliness().get(tokens, handler=Callback(on_reply, over.set, indirect=False), timeout=timeout_s)
+    def on_end() -> None:
+        open_.pop()
+        if not open_:
+            over.set()
+
+    for one in tokens:
+        session.liveliness().get(one, handler=Callback(on_reply, on_end, indirect=False), timeout=timeout_s)
     over.wait(timeout_s + ROUTER_S)
     return found[:]

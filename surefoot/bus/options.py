@@ -69,6 +69,8 @@ class ZenohOptions:
     """Service whose certificate the process shows at a secure endpoint; empty = the identity of tools."""
     secret: str = field(default="", repr=False)
     """Secret with which processes of this system make and check their names (see `seals`); empty = none."""
+    services: tuple[str, ...] = ()
+    """Names of the services of this system, whose liveliness tokens count; empty = they are not known, all count."""
 
 
 def client_options(connect: str, namespace: str) -> ZenohOptions:

@@ -43,14 +43,17 @@ class LinkTrouble(NamedTuple):
 
     Attributes:
         reason: `unread` the peer reads nothing, `unlinked` it is alive but has no link to this process, `late`
-            messages of a process come after later ones, `forged` messages in the name of a process lack its seal.
+            messages of a process come after later ones, `forged` messages in the name of a process lack its seal,
+            `foreign_token` liveliness tokens are shown under a name of no service.
         text: message for the log.
-        peer: name of its session; of late and forged messages their key.
+        peer: name of its session; of late and forged messages their key, of tokens their name.
+        number: number by which it counts.
     """
 
     reason: str
     text: str
     peer: str
+    number: int = 1
 
 
 class _Counters:

@@ -13,13 +13,13 @@ from typing import Any
 import zenoh
 from zenoh.handlers import Callback, RingChannel
 
-from surefoot.bus.asking import LIVE, STARTS, TOKENS_S, Asking, plain_attachment
+from surefoot.bus.asking import TOKENS_S, Asking, plain_attachment
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import without_source
 from surefoot.bus.frame import Frame
 from surefoot.bus.guard import Guard, Sealed
 from surefoot.bus.interface import Delivery, Incoming, Life, Raw
-from surefoot.bus.mesh import INTRODUCE_S, ROUTER_S, Mesh, linked_to, visible_to
+from surefoot.bus.mesh import INTRODUCE_S, ROUTER_S, Mesh, linked_to, tokens_of_any
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
 from surefoot.bus.options import ZenohOptions as ZenohOptions
 from surefoot.bus.options import client_options as client_options
@@ -28,6 +28,7 @@ from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour, unless_none
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
 from surefoot.bus.replies import WAITING, Replies
 from surefoot.bus.seals import ASKED, Asked, as_digits, born_ms, sealed_name, without_seal
+from surefoot.bus.tokens import LIVE, STARTS, Tokens
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.schemas.base import ErrorReply, Request, Wire
@@ -136,9 +137,10 @@ class ZenohBus:
         self._guard = Guard(endpoint.secret)
         self._reported: Counter[tuple[str, str]] = Counter()
         """Refused answers at the last look at the links, by key and process."""
+        self._framers: dict[str, Framer] = {}
+        self._tokens = Tokens(self.session, endpoint.services, everything=endpoint.mode == "router")
         visible = partial(self._visible, self.session)
         self._mesh = Mesh(partial(linked_to, self.session), visible, self._alive, self._introduce)
-        self._framers: dict[str, Framer] = {}
 
     def publisher(
         self, topic: Topic[M], instance: str = "", *, framed: bool = True
@@ -280,11 +282,8 @@ class ZenohBus:
 
     def look_at_links(self) -> list[LinkTrouble]:
         lost = self._mesh.look() if self.endpoint.mode == "peer" else []
-        forged = [
-            LinkTrouble("forged", f"{n}x {key} without the seal of its service", key) for key, n in self._guard.forged()
-        ]
-        late = [LinkTrouble("late", f"{n}x {key} after later ones", key) for key, n in self._guard.late()]
-        return [*self._unread.look(), *lost, *forged, *late, *self._refused_answers()]
+        strange = (*self._guard.troubles(), *self._tokens.troubles())
+        return [*self._unread.look(), *lost, *strange, *self._refused_answers()]
 
     def _refused_answers(self) -> list[LinkTrouble]:
         """Return the answers to queries of this process that were refused since the last call, by key and process."""
@@ -296,7 +295,8 @@ class ZenohBus:
         ]
 
     def _visible(self, session: zenoh.Session) -> set[str]:
-        return visible_to(session, f"{LIVE}/*/*", TOKENS_S)
+        found = tokens_of_any(session, [f"{LIVE}/{name}/*" for name in self._tokens.names], TOKENS_S)
+        return {key.rpartition("/")[2] for key in found}
 
     def _alive(self) -> set[str]:
         config = zenoh_config(replace(self.endpoint, mode="client", listen=()))
@@ -312,14 +312,16 @@ class ZenohBus:
     def announce(self, service: str, instance: str, *, ready: bool = True) -> None:
         self._keep.append(self.session.liveliness().declare_token(f"{LIVE if ready else STARTS}/{service}/{instance}"))
 
-    def watch(self, sink: Callable[[Life], Any]) -> None:
-        def on_life(sample: zenoh.Sample) -> None:
-            _, service, instance = str(sample.key_expr).rsplit("/", 2)
-            if sample.kind == zenoh.SampleKind.PUT:
-                self._guard.on_token(service, instance)
-            sink(Life(service, instance, sample.kind == zenoh.SampleKind.PUT))
+    def watch(self, sink: Callable[[Life], Any], services: Iterable[str] | None = None) -> None:
+        def on_life(life: Life) -> None:
+            if life.alive:
+                self._guard.on_token(life.service, life.instance)
+            sink(life)
 
-        self._keep.append(self.session.liveliness().declare_subscriber(f"{LIVE}/*/*", on_life, history=True))
+        self._tokens.watch(on_life, services)
+
+    def add_watched(self, service: str) -> None:
+        self._tokens.add(service)
 
     def close(self) -> None:
         self._mesh.close()

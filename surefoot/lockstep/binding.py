@@ -19,6 +19,10 @@ MOST_EARLY = 64
 A frame is early if the process sent it before the service was bound to this process."""
 
 
+def _ignore(service: str) -> None:
+    """Do nothing; a function of the module, so that a table of bindings can be pickled."""
+
+
 class _Seal(NamedTuple):
     """Seal of a process's name: the service for which it was made, and when, ms since the machine was started."""
 
@@ -39,13 +43,16 @@ class Bindings:
     Args:
         born_ms: returns when a process of a service got its sealed name, 0 = its name is not sealed.
         counts: counter of refusals by reason, to which late frames are added; None = one of its own.
+        look_for: called with the name of a service of which a process asks to join that is not visible.
     """
 
     def __init__(
         self,
         born_ms: Callable[[str, str], int] = lambda service, instance: 0,
         counts: Counter[str] | None = None,
+        look_for: Callable[[str], None] = _ignore,
     ) -> None:
+        self._look_for = look_for
         self._born_ms = born_ms
         self._counts = Counter[str]() if counts is None else counts
         self._visible: dict[str, dict[str, None]] = {}
@@ -83,6 +90,7 @@ class Bindings:
     def why_not(self, service: str, instance: str) -> str:
         """Return in words why a process cannot act as a service; empty if it may, once it has tested its links."""
         if not self.visible(service, instance):
+            self._look_for(service)
             return f"no liveliness token of {service} {instance!r}"
         bound = self.bound.get(service)
         return "" if bound == instance or self._may_bind(service, instance) else f"{service} is {bound!r}, which runs"

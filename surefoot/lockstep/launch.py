@@ -66,6 +66,7 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
 
 def _serve(service: Service[Any], options: argparse.Namespace) -> int:
     from surefoot.bus.seals import given_secret
+    from surefoot.bus.tokens import given_services
     from surefoot.bus.zenoh import ZenohBus, ZenohOptions
     from surefoot.lockstep.local import node_of
 
@@ -76,6 +77,7 @@ def _serve(service: Service[Any], options: argparse.Namespace) -> int:
         options.namespace,
         identity=service.name,
         secret=given_secret(),
+        services=given_services(),
     )
     if options.mode != "router":
         os.environ.setdefault("ZENOH_RUNTIME", ZENOH_RUNTIME)  # read when the process opens its first session

@@ -51,7 +51,7 @@ class Node:
         self.inbox = Inbox()
         self.join = Join(service.name, service.inputs, service.batched)
         self.refused: Counter[str] = Counter()
-        self.bindings = Bindings(bus.born_ms, self.refused)
+        self.bindings = Bindings(bus.born_ms, self.refused, bus.add_watched)
         self._bound = self.bindings.bound
         self.ages = Ages(() if service.raw else service.inputs)
         self._logged: set[tuple[str, str]] = set()
@@ -94,8 +94,9 @@ class Node:
             self.bus.subscribe(topic, lambda one, row=topic: self.inbox.put_observed(one.under(row)), bounded=True)
         for query in (*service.serves, *config_queries(service)):
             self.bus.serve(query, self.inbox.put_query, put, self.instance)
-        self.bus.watch(put)
-        self.links.need((*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls))
+        needed = (*(t for t in self._subscriptions() if t.key != HW_TICK.key), *service.calls)
+        self.bus.watch(put, {row.owner for row in needed} if self._subscriptions() else None)  # None: the driver
+        self.links.need(needed)
         self.state = "joining"
         self.bus.announce(self.name, self.instance)
 
@@ -266,9 +267,9 @@ class Node:
         elif reason not in (None, "duplicate"):
             self.refuse(reason, self.join.place(key, message, delivery.sender) if reason in NAMED else "", key)
 
-    def refuse(self, reason: str, detail: str = "", about: str = "") -> None:
-        """Count a refused item under its reason; log the first for each reason and key or service (``about``)."""
-        self.refused[reason] += 1
+    def refuse(self, reason: str, detail: str = "", about: str = "", number: int = 1) -> None:
+        """Count refused items under their reason; log the first for each reason and key or service (``about``)."""
+        self.refused[reason] += number
         if detail and (reason, about) not in self._logged:
             self._logged.add((reason, about))
             self.log("warning", f"refused ({reason}): {detail}")

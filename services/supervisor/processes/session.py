@@ -12,6 +12,7 @@ from typing import Any, Self
 from surefoot.bus.endpoint import to_listen
 from surefoot.bus.interface import Life, Publisher
 from surefoot.bus.seals import VARIABLE, given_secret, new_secret
+from surefoot.bus.tokens import SERVICES
 from surefoot.bus.zenoh import DEFAULT_FLEET, ZenohBus
 from surefoot.bus.zenoh import ZenohOptions as BusEndpoint
 from surefoot.errors import BusError, CallError
@@ -69,9 +70,11 @@ class Session:
         self._notify = notify
         self._secret = given_secret() or (new_secret() if spawn else "")
         """Secret by which the processes of this system know each other; those started elsewhere need it given."""
+        self._services = tuple(dict.fromkeys((*compose.services, SELF)))
         own = {
             "SUREFOOT_CONNECT": self.listen,
             VARIABLE: self._secret,
+            SERVICES: ",".join(self._services) if spawn else "",
             "SUREFOOT_NAMESPACE": self.namespace,
             "SUREFOOT_ROBOT": self.robot,
             **{f"SUREFOOT_{name.upper()}_MEMORY": str(path) for name, path in self.folder.memories.items()},
@@ -85,7 +88,7 @@ class Session:
         self._bus: ZenohBus | None = None
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
-        self._alive: dict[str, tuple[str, ...]] = {}  # service: its visible processes, the first to appear first
+        self._alive: dict[str, dict[str, None]] = {}  # service: its visible processes, the first to appear first
         self._driving = ""  # the process that drives, or drove last
         self._before: SimStatus | None = None  # the last report of the driver before it, not true of this one
         self._stop = ""  # the emergency stop in force when that one went, not yet confirmed by this one
@@ -150,7 +153,8 @@ class Session:
 
     def _open_router(self) -> ZenohBus:
         try:
-            return ZenohBus(BusEndpoint("router", (), (self.listen,), self.namespace, SELF, self._secret))
+            place = BusEndpoint("router", (), (self.listen,), self.namespace, SELF, self._secret, self._services)
+            return ZenohBus(place)
         except BusError:
             refuse_taken(self.listen)
             raise
@@ -165,15 +169,17 @@ class Session:
     # -- what happens -------------------------------------------------------------------------------------------------
 
     def _on_life(self, life: Life) -> None:
-        visible = tuple(other for other in self._alive.get(life.service, ()) if other != life.instance)
+        visible = self._alive.get(life.service, {})
         if life.alive:
-            visible = (*visible, life.instance)
-        if visible:
+            visible[life.instance] = None
             self._alive[life.service] = visible
         else:
-            self._alive.pop(life.service, None)
+            visible.pop(life.instance, None)
+            if not visible:
+                self._alive.pop(life.service, None)
         self.system.seen(life.service, visible=bool(visible))
-        self._note_driver()
+        if life.service == DRIVER or life.instance in self._alive.get(DRIVER, {}):
+            self._note_driver()
 
     def _note_driver(self) -> None:
         """Take over the emergency stop of the driver before, when another process drives.
@@ -198,10 +204,14 @@ class Session:
         driver = self.driver
         return tuple(name for name in (*self.system.service_names, SELF) if name != driver)
 
+    def _seen(self) -> dict[str, tuple[str, ...]]:
+        """Return the visible processes of each service, the first to appear first; the bus changes them meanwhile."""
+        return {service: tuple(seen) for service, seen in tuple(self._alive.items())}
+
     @property
     def driver(self) -> str:
         """Name of the service that drives the ticks, which is visible as `driver` too; empty while there is none."""
-        alive = dict(self._alive)
+        alive = self._seen()
         driving = alive.pop(DRIVER, ())
         return next((name for name, found in alive.items() if any(one in driving for one in found)), "")
 
@@ -242,7 +252,7 @@ class Session:
 
     def instance_of(self, service: str) -> str:
         """Return the identity of a visible service's process, empty when it is not visible."""
-        alive = dict(self._alive)
+        alive = self._seen()
         found = alive.get(service, ())
         driving = alive.get(DRIVER, ())
         if service == DRIVER:  # a token alone makes no driver: one of our services shows the same instance
@@ -360,6 +370,8 @@ class Session:
         """Return the health of every service that answers."""
         found: dict[str, Health] = {}
         for name in self.alive:
+            if name not in self._services:  # a stranger's, which may never answer
+                continue
             try:
                 found[name] = self.call(HEALTH_GET.of(name), HealthRequest(), 1.0).health
             except CallError:

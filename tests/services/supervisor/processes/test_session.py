@@ -12,7 +12,11 @@ from types import SimpleNamespace
 import pytest
 
 from surefoot.bus.interface import Life
+from surefoot.bus.tokens import MOST_FOREIGN
+from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import BusError
+from surefoot.lab.cli.system import _show_status as show_status
+from surefoot.lab.cli.system import _status as status_of
 from surefoot.robot.reader import ROBOTS
 from surefoot.schemas.sim import World
 from surefoot.schemas.status import SimStatus
@@ -64,6 +68,26 @@ def test_leaves_nothing_behind(listen):
     assert all(gone(pid) for pid in found.values())
     assert not RunFolder("idle").held()
     assert [path.name for path in RunFolder("idle").path.iterdir() if path.is_file()] == ["lock"]
+
+
+def test_strange_tokens_are_shown_by_status_and_processes_know_the_names_of_their_system(listen, capsys):
+    with Session(parse_compose(IDLE), listen=listen) as session:
+        assert session.wait_for(session.system.settled, WAIT_S)
+        environments = [Path(f"/proc/{pid}/environ").read_bytes().split(b"\0") for pid in pids(session).values()]
+        assert all(b"SUREFOOT_SERVICES=a,b,supervisor" in one for one in environments)
+        stranger = ZenohBus(ZenohOptions("client", (listen,), (), session.namespace))
+        try:
+            for number in range(3 * MOST_FOREIGN):
+                stranger.announce(f"zz{number}", "x")
+            counted = {"foreign_token": 3 * MOST_FOREIGN}
+            assert session.wait_for(lambda: status_of(session.folder)["supervisor"]["refused"] == counted, WAIT_S)
+            found = status_of(session.folder)
+            assert len(session.alive) <= MOST_FOREIGN + 1
+            assert list(session.health()) == ["supervisor"]
+        finally:
+            stranger.close()
+    show_status("idle", found)
+    assert f"supervisor: {3 * MOST_FOREIGN}x foreign_token\n" in capsys.readouterr().out
 
 
 def test_a_system_without_a_driver_is_reported(listen, monkeypatch):

@@ -1,0 +1,152 @@
+"""Liveliness tokens that a session watches: those of the services that it needs, not those of every name.
+
+Zenoh passes each token to each process that watches its name, and the time for one grows with the number of tokens.
+2500 of one client, under names of no service, took 7 s of processor time in a router and six peers that watched all
+names, and 0.5 s where only the router does.
+"""
+# pyright: reportUnknownMemberType=false
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import zenoh
+from zenoh.handlers import Callback
+
+from surefoot.bus.interface import Life
+from surefoot.bus.pour import keep_thread_state
+from surefoot.bus.seals import DRIVER
+from surefoot.bus.unread import LinkTrouble
+from surefoot.schemas.topics import QUERIES, TOPICS
+
+LIVE, STARTS = "alive", "starts"
+"""`LIVE`: first word of the liveliness-token key of a process that is ready; `STARTS`: first word of the key that a
+process shows from its start on."""
+SERVICES = "SUREFOOT_SERVICES"
+"""Environment variable by which the supervisor passes the names of its system's services, with commas between them."""
+MOST_ADDED, MOST_FOREIGN = 16, 64
+"""`MOST_ADDED`: largest number of names that are watched besides those of the system, as of services that are started
+by hand; `MOST_FOREIGN`: largest number of visible tokens under such names that the router's session reads."""
+MAX_SHOWN, MOST_NAMED = 64, 16
+"""`MAX_SHOWN`: characters to which a name of no service is cut in reports; `MOST_NAMED`: largest number of such names
+in a report, further ones count under the empty name."""
+_OWNERS = {row.owner for row in (*TOPICS, *QUERIES)}
+_NAME = set("abcdefghijklmnopqrstuvwxyz0123456789_")
+
+
+def given_services() -> tuple[str, ...]:
+    """Return the names of the services of this system from the environment; empty = they are not known."""
+    return tuple(filter(_is_name, os.environ.get(SERVICES, "").split(",")))
+
+
+def _is_name(service: str) -> bool:
+    return bool(service) and set(service) <= _NAME
+
+
+class Foreign:
+    """Limit on the tokens under names of no service that a reader gets; those beyond it are counted only.
+
+    Args:
+        known: names of the services of the system, and others whose tokens are all passed on.
+        counts: counter of the tokens under other names that came, by name.
+    """
+
+    def __init__(self, known: Iterable[str], counts: Counter[str]) -> None:
+        self._known, self._counts = frozenset(known), counts
+        self._passed = set[tuple[str, str]]()
+
+    def passes(self, life: Life) -> bool:
+        """Return whether a notice is passed on: of a known name, or of one of the first `MOST_FOREIGN` other tokens."""
+        if life.service in self._known:
+            return True
+        place = life.service, life.instance
+        if not life.alive:
+            passed = place in self._passed
+            self._passed.discard(place)
+            return passed
+        name = life.service[:MAX_SHOWN]
+        self._counts[name if name in self._counts or len(self._counts) < MOST_NAMED else ""] += 1
+        if len(self._passed) >= MOST_FOREIGN:
+            return False
+        self._passed.add(place)
+        return True
+
+
+class Tokens:
+    """Subscriptions of one session to liveliness tokens, by service.
+
+    Args:
+        session: session of Zenoh.
+        services: names of the services of the system; empty = they are not known, all names are watched.
+        everything: watch all names, as the router does, which counts the tokens under names of no service.
+    """
+
+    def __init__(self, session: zenoh.Session, services: tuple[str, ...], *, everything: bool) -> None:
+        self._session, self._services = session, services
+        self.names = (*services, DRIVER) if services else ("*",)
+        """Names of all that may be participants, by which a key expression finds their tokens."""
+        self._everything = everything or not services
+        self._keep: dict[str, list[zenoh.Subscriber[None]]] = {}
+        self._added: dict[str, int] = {}
+        """Number of visible tokens of each name that was added to those of the system."""
+        self._sinks: list[Callable[[Life], Any]] = []
+        self._foreign: Counter[str] = Counter()
+
+    def watch(self, sink: Callable[[Life], Any], services: Iterable[str] | None) -> None:
+        """Deliver a notice whenever a process of one of the services, or of those added later, appears or leaves.
+
+        Without ``services`` those of the system count. Any of them that owns no topic or query may drive the ticks, and
+        is watched always: the name of the driver is sealed for it.
+        """
+        names = self._services if services is None else (*services, *(s for s in self._services if s not in _OWNERS))
+        if not self._everything:
+            self._sinks.append(sink)
+            for service in sorted({*names, DRIVER}):
+                self._subscribe(service, sink, indirect=False)
+        elif not self._services:
+            self._subscribe("*", sink, indirect=True)
+        else:
+            counts = Counter[str]() if self._keep else self._foreign  # once, however many watch
+            foreign = Foreign((*self._services, *names, DRIVER), counts)
+            self._subscribe("*", lambda life: sink(life) if foreign.passes(life) else None, indirect=True)
+
+    def troubles(self) -> list[LinkTrouble]:
+        """Return the tokens under names of no service that came since the last call, as reports for health and log."""
+        found = list(self._foreign.items())
+        self._foreign.clear()
+        text = "token of {!r}, which is no service of this system"
+        return [LinkTrouble("foreign_token", f"{n}x a " + text.format(name or "others"), name, n) for name, n in found]
+
+    def add(self, service: str) -> None:
+        """Watch the tokens of one more service, if that can be its name.
+
+        Of more than `MOST_ADDED` such names the oldest without a token is given up; if all have one, nothing is added.
+        """
+        if self._everything or service in self._keep or not _is_name(service):
+            return
+        if len(self._added) >= MOST_ADDED:
+            bare = next((name for name, tokens in self._added.items() if tokens <= 0), None)
+            if bare is None:
+                return
+            del self._added[bare]
+            for subscriber in self._keep.pop(bare):
+                subscriber.undeclare()
+        self._added[service] = 0
+        for sink in self._sinks:
+            self._subscribe(service, sink, indirect=False)
+
+    def _subscribe(self, service: str, sink: Callable[[Life], Any], *, indirect: bool) -> None:
+        """Subscribe to the tokens of a service; ``indirect``: `sink` is called by a thread of its own."""
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            keep_thread_state()
+            _, name, instance = str(sample.key_expr).rsplit("/", 2)
+            life = Life(name, instance, sample.kind == zenoh.SampleKind.PUT)
+            if name in self._added:
+                self._added[name] += 1 if life.alive else -1
+            sink(life)
+
+        handler = Callback(on_sample, indirect=indirect)
+        kept = self._session.liveliness().declare_subscriber(f"{LIVE}/{service}/*", handler, history=True)
+        self._keep.setdefault(service, []).append(kept)
