@@ -36,6 +36,7 @@ from .ports import refuse_taken
 from .reconcile import ProcessAction
 from .rundir import ROW, Endpoint, RunFolder
 from .status import health_row, time_row
+from .still import Still
 from .system import SELF, System
 
 STEP_S = 0.05  # s, how often the main thread looks at the processes, and at once when one has ended
@@ -93,6 +94,7 @@ class Session:
         self._before: SimStatus | None = None  # the last report of the driver before it, not true of this one
         self._stop = ""  # the emergency stop in force when that one went, not yet confirmed by this one
         self._stops: Publisher[EmergencyStop] | None = None
+        self._still, self._still_words = Still(), ""
         self.failure: BaseException | None = None
         """Error that ended the supervisor's own thread, None while it runs."""
 
@@ -223,6 +225,12 @@ class Session:
     def heard(self, service: str, pid: int, *, well: bool) -> None:
         """Record a heartbeat of a service's process; `well`: it is ready for work."""
         self.system.heard(service, pid, well=well)
+        if service == self.driver:
+            before, now = self._still_words, time.monotonic()
+            self._still.beat(self.supervisor.health[service], now)
+            self._still_words = self._still.words(self.supervisor.status)
+            if self._still_words and not before:
+                self._notify(f"{service}: {self._still_words}")
 
     def ticked(self, owner: str) -> None:
         """Record that outputs of the service `owner` came in a tick."""
@@ -237,7 +245,8 @@ class Session:
         """Return the state of every service: by its process, or by the bus if this session did not start it."""
         if self._spawn:
             told = self.supervisor.status is not self._before
-            why, driver = "; ".join(self.supervisor.stops()) if told else "", self.driver
+            stops = self.supervisor.stops() if told else []
+            why, driver = "; ".join(filter(None, (*stops, self._still_words))), self.driver
             rows = self.system.rows()
             return tuple(
                 row.model_copy(update={"detail": why}) if row.service == driver and why else row for row in rows
