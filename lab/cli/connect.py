@@ -20,16 +20,17 @@ def client(connect: str | None = None, namespace: str | None = None) -> Iterator
 
 
 @contextmanager
-def joined(where: str, prefix: str) -> Iterator["Client"]:
+def joined(where: str, prefix: str, patience_ms: int | None = None) -> Iterator["Client"]:
     """Connect to the system at an endpoint and yield a client (raises BusError: no system answers).
 
-    `where`: Zenoh endpoint; `prefix`: prefix of the system's keys.
+    `where`: Zenoh endpoint; `prefix`: prefix of the system's keys; `patience_ms`: longest wait for its router, ms.
     """
     from surefoot.bus.zenoh import ZenohBus, client_options
     from surefoot.client import Client
 
     _knock(where)
-    with Client(ZenohBus(client_options(where, prefix))) as robot:
+    options = client_options(where, prefix, *([] if patience_ms is None else [patience_ms]))
+    with Client(ZenohBus(options)) as robot:
         yield robot
 
 

@@ -5,14 +5,14 @@ import os
 import signal
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .completion import services, systems
-from .connect import client, joined
+from .connect import client
 from .output import (
     EXIT_CHECK,
     Connect,
@@ -170,10 +170,12 @@ def status(
     json: Json = False,
 ) -> None:
     """Show the running systems and their health. Exit code 1: nothing runs, or a service is not healthy."""
+    from .status_of import status_of
+
     use_json(json)
     if system is not None:
         _check_known(Path(system).stem)
-    found = {folder.name: _status(folder) for folder in _folders(system) if folder.held() or folder.orphans()}
+    found = {folder.name: status_of(folder) for folder in _folders(system) if folder.held() or folder.orphans()}
     if json:
         write_json(found)
     elif not found:
@@ -285,40 +287,6 @@ def _show_up(name: str, content: dict[str, Any], *, json: bool) -> None:
         f"Stop it with `surefoot down {name}`.",
     )
     _show_status(name, content, hints, json=json)
-
-
-def _status(folder: "RunFolder") -> dict[str, Any]:
-    """Return the status of the system of a run folder, with live figures of the services that answer."""
-    from surefoot.errors import CallError, SurefootError
-    from surefoot.schemas.status import StatusRequest
-    from surefoot.schemas.system import HealthRequest
-    from surefoot.schemas.topics import HEALTH_GET, SIM_STATUS_GET
-    from surefoot.services.supervisor.processes.status import health_row, time_row
-
-    endpoint = folder.endpoint()
-    content: dict[str, Any] = {"connect": "", "namespace": "", "services": folder.read_rows()}
-    if orphans := folder.orphans():
-        content["detail"] = folder.orphaned
-        row = {"state": "orphaned", "restarts": 0, "detail": ""}
-        content["services"] = [{"service": name, "pid": found.pid, **row} for name, found in orphans.items()]
-    if endpoint is None:
-        return content
-    content |= {"connect": endpoint.connect, "namespace": endpoint.namespace}
-    try:
-        with joined(endpoint.connect, endpoint.namespace) as robot:
-            for row in content["services"]:
-                try:
-                    row |= health_row(robot.bus.call(HEALTH_GET.of(row["service"]), HealthRequest(), 0.5).health)
-                except CallError as error:
-                    row["detail"] = row["detail"] or error.message
-            with suppress(CallError):  # what it refuses or drops comes from clients, whose links end at its router
-                found = robot.bus.call(HEALTH_GET.of("supervisor"), HealthRequest(), 0.5).health
-                content["supervisor"] = found.model_dump(include={"refused", "dropped"})
-            with suppress(CallError):  # the driver of a real robot has no simulated time
-                content["time"] = time_row(robot.bus.call(SIM_STATUS_GET, StatusRequest(), 0.5))
-    except SurefootError as error:
-        content["detail"] = error.message
-    return content
 
 
 def _show_status(name: str, content: dict[str, Any], hints: Sequence[str] = (), *, json: bool = False) -> None:

@@ -71,20 +71,23 @@ class ZenohOptions:
     """Secret with which processes of this system make and check their names (see `seals`); empty = none."""
     services: tuple[str, ...] = ()
     """Names of the services of this system, whose liveliness tokens count; empty = they are not known, all count."""
+    patience_ms: int = CONNECT_TIMEOUT_MS
+    """Longest wait for the router when the session is opened, ms."""
 
 
-def client_options(connect: str, namespace: str) -> ZenohOptions:
+def client_options(connect: str, namespace: str, patience_ms: int = CONNECT_TIMEOUT_MS) -> ZenohOptions:
     """Return the options of a client, with the secret of the environment, or that of the system if this user runs it.
 
     Args:
         connect: Zenoh endpoint of the router.
         namespace: prefix of the keys.
+        patience_ms: longest wait for the router, ms.
 
     Raises:
         ConfigError: SUREFOOT_SECRET is no secret.
     """
     secret = given_secret() or secret_of(connect, namespace)
-    return ZenohOptions(mode="client", connect=(connect,), namespace=namespace, secret=secret)
+    return ZenohOptions("client", (connect,), namespace=namespace, secret=secret, patience_ms=patience_ms)
 
 
 @contextmanager
@@ -117,7 +120,7 @@ def zenoh_config(endpoint: ZenohOptions, name: str = "") -> zenoh.Config:
         "mode": endpoint.mode,
         "namespace": checked_namespace(endpoint.namespace),
         "connect/endpoints": list(endpoint.connect) if endpoint.mode != "router" else [],
-        "connect/timeout_ms": CONNECT_TIMEOUT_MS,
+        "connect/timeout_ms": endpoint.patience_ms,
         "connect/exit_on_failure": endpoint.mode == "client",
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         "listen/endpoints": [f"{one}#tls_handshake_timeout_ms={HANDSHAKE_MS}" if secure else one for one in listen],

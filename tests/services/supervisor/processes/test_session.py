@@ -15,8 +15,8 @@ from surefoot.bus.interface import Life
 from surefoot.bus.tokens import MOST_FOREIGN
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.errors import BusError
+from surefoot.lab.cli.status_of import status_of
 from surefoot.lab.cli.system import _show_status as show_status
-from surefoot.lab.cli.system import _status as status_of
 from surefoot.robot.reader import ROBOTS
 from surefoot.schemas.sim import World
 from surefoot.schemas.status import SimStatus
