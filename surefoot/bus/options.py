@@ -11,6 +11,7 @@ from typing import Any
 
 import zenoh
 
+from surefoot.bus.codec import MAX_BULK_BYTES
 from surefoot.bus.endpoint import DEFAULT_ENDPOINT, any_port, checked_namespace, is_secure, settings_file
 from surefoot.bus.seals import given_secret
 from surefoot.errors import ConfigError
@@ -40,6 +41,9 @@ accepts nothing for 100 ms, so that with its default of 10 s a hundred silent co
 ROUTER_READERS = 32
 """Number of threads that receive messages in the process of a router; more than Zenoh's two, as each frozen client
 blocks one."""
+MAX_MESSAGE_BYTES = MAX_BULK_BYTES + (8 << 20)
+"""Largest message that a session reassembles, bytes: a request with the largest map, its header and attachment. Zenoh
+drops a larger one on arrival; its default of 1 GiB let one client occupy as much memory in each process on the way."""
 SHARED_FROM = 512
 """Smallest size of a message that travels by shared memory, bytes, if SUREFOOT_SHARED_MEMORY is 1."""
 
@@ -129,6 +133,7 @@ def zenoh_config(endpoint: ZenohOptions, name: str = "") -> zenoh.Config:
         "scouting/delay": 0,
         "transport/unicast/accept_pending": MOST_PENDING,
         "transport/unicast/accept_timeout": ACCEPT_MS,
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/queue/size/real_time": QUEUE_BATCHES,
         "transport/link/tx/queue/size/interactive_low": QUEUE_BATCHES,
