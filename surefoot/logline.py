@@ -4,6 +4,8 @@
 """
 
 import re
+import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -30,6 +32,13 @@ def log_line(level: str, service: str, text: str, tick: int | None = None) -> st
     now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     when = f" tick {tick}" if tick is not None and tick >= 0 else ""
     return f"{now} {level:<7} {service}{when}: {' | '.join(text.splitlines())}"
+
+
+def write_line(line: str) -> None:
+    """Write a line to standard error; where that is a file on a full disk, the line is lost and nothing else."""
+    with suppress(OSError):
+        sys.stderr.write(line + "\n")
+        sys.stderr.flush()
 
 
 def read_log_line(line: str) -> LogLine | None:

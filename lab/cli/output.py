@@ -70,12 +70,9 @@ def write(text: str) -> None:
 
 def notify(text: str, level: str = "info") -> None:
     """Write a line for people, not for programs, to standard error, with time and level if `state.log` is True."""
-    if state.log:
-        from surefoot.logline import log_line
+    from surefoot.logline import log_line, write_line
 
-        text = log_line(level, "supervisor", text.removeprefix("surefoot: "))
-    sys.stderr.write(text + "\n")
-    sys.stderr.flush()
+    write_line(log_line(level, "supervisor", text.removeprefix("surefoot: ")) if state.log else text)
 
 
 def near(path: Path) -> str:

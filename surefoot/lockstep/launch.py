@@ -4,6 +4,7 @@ import argparse
 import gc
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,7 +16,7 @@ from surefoot.heap import share_heaps
 from surefoot.lockstep.config import load_config
 from surefoot.lockstep.ending import ENDING
 from surefoot.lockstep.service import Service
-from surefoot.logline import log_line
+from surefoot.logline import log_line, write_line
 from surefoot.version import VERSION
 
 ZENOH_RUNTIME = "(rx:(worker_threads:1),acc:(handover:rx),net:(handover:rx))"
@@ -37,8 +38,9 @@ def main(service: type[Service[Any]], arguments: list[str] | None = None) -> NoR
         code = run(service, arguments)
     except SystemExit as end:  # --help, or stopped while starting
         code = end.code if isinstance(end.code, int) else 0
-    sys.stdout.flush()
-    sys.stderr.flush()
+    with suppress(OSError):  # a log on a full disk
+        sys.stdout.flush()
+        sys.stderr.flush()
     os._exit(code)
 
 
@@ -57,10 +59,10 @@ def run(service: type[Service[Any]], arguments: list[str] | None = None) -> int:
             return 0
         return _serve(service(config), options)
     except SurefootError as error:  # of the configuration, or of a robot or another file that it names
-        sys.stderr.write(log_line("error", service.name, str(error)) + "\n")
+        write_line(log_line("error", service.name, str(error)))
         return 1 if isinstance(error, BusError | CallError) else EXIT_USAGE
     except Exception as error:
-        sys.stderr.write(log_line("error", service.name, f"ended by {type(error).__name__}: {error}") + "\n")
+        write_line(log_line("error", service.name, f"ended by {type(error).__name__}: {error}"))
         raise
 
 

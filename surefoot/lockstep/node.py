@@ -4,7 +4,6 @@ All messages, from any thread, go into one inbox. ``pump`` handles those that ar
 """
 
 import math
-import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -28,7 +27,7 @@ from surefoot.lockstep.links import Links
 from surefoot.lockstep.live_parameters import config_queries
 from surefoot.lockstep.patience import Patience
 from surefoot.lockstep.service import Service
-from surefoot.logline import log_line, sendable
+from surefoot.logline import log_line, sendable, write_line
 from surefoot.schemas.base import Message, Request, TickRequest
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.rows import Rep, Req
@@ -389,8 +388,7 @@ class Node:
         return self.links.call(query, request, timeout_s, None if self._tick is None else self._tick.tick)
 
     def log(self, level: str, text: str) -> None:
-        sys.stderr.write(log_line(level, self.name, text, self.join.last) + "\n")
-        sys.stderr.flush()
+        write_line(log_line(level, self.name, text, self.join.last))
         publisher = self._publishers.get(f"log/{self.name}")
         if publisher is not None:
             publisher.put(LogRecord(source=self.name, level=level, text=sendable(text[:2000])))  # pyright: ignore[reportArgumentType]

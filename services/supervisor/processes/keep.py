@@ -83,14 +83,16 @@ def keep(
     }
     with Session(compose, listen=listen, environment=environment, spawn=spawn, notify=notify) as session:
         wanted = set(session.system.service_names)
-        told, written = False, None
+        told, written, trouble = False, None, ""
         reset_by, alone_since = "", 0.0
         while not stop.is_set():
             session.step()
             rows = session.rows()
-            if rows != written:
-                session.folder.write_rows(rows)
+            if rows != written and session.folder.write_rows(rows):
                 written = rows
+            if session.folder.trouble not in ("", trouble):
+                trouble = session.folder.trouble
+                notify(trouble)
             driver = session.instance_of(session.driver)
             if driver and driver != reset_by and wanted <= set(session.alive):
                 if session.answers(SIM_RESET):  # else the driver of a real robot, which starts the clock itself

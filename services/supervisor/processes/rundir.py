@@ -57,6 +57,8 @@ class RunFolder:
         self.name = name
         self.path = (home or state_home()) / name
         self._lock: IO[bytes] | None = None
+        self.trouble = ""
+        """Why a file of the running system could not be written last, in words; empty = it was."""
 
     def log(self, service: str) -> Path:
         """Return the path of a service's log file."""
@@ -146,9 +148,9 @@ class RunFolder:
         found = _identity(self._read("supervisor.json"))
         return found if found is not None and found.alive() else None
 
-    def write_rows(self, rows: Sequence["ServiceStatus"]) -> None:
-        """Store the rows of `surefoot status`, one a service."""
-        self._write("status.json", [row.model_dump(include=ROW) for row in rows])
+    def write_rows(self, rows: Sequence["ServiceStatus"]) -> bool:
+        """Store the rows of `surefoot status`, one a service; return as `_note`."""
+        return self._note("status.json", [row.model_dump(include=ROW) for row in rows])
 
     def read_rows(self) -> list[dict[str, Any]]:
         """Return the stored rows of `surefoot status`, one a service."""
@@ -174,9 +176,9 @@ class RunFolder:
         except OSError:
             return 0.0
 
-    def write_processes(self, processes: Mapping[str, Identity]) -> None:
-        """Store the identity of each service's process, by which a later supervisor finds them."""
-        self._write("processes.json", {name: identity._asdict() for name, identity in processes.items()})
+    def write_processes(self, processes: Mapping[str, Identity]) -> bool:
+        """Store the identity of each service's process, by which a later supervisor finds them; return as `_note`."""
+        return self._note("processes.json", {name: identity._asdict() for name, identity in processes.items()})
 
     def processes(self) -> dict[str, Identity]:
         """Return the processes of this system that still run, by service, whoever supervises them."""
@@ -203,14 +205,33 @@ class RunFolder:
             end(identity)
         return tuple(left)
 
+    def _note(self, name: str, content: Any) -> bool:
+        """Replace a file as `_write` does; return False if it cannot be written, which ends no system that runs.
+
+        The reason is kept in `trouble`, for the log; it is empty again once files are written.
+        """
+        try:
+            self._write(name, content)
+        except OSError as error:
+            self.trouble = f"cannot write {self.path / name} ({error.strerror}); it is tried again"
+            return False
+        self.trouble = ""
+        return True
+
     def _write(self, name: str, content: Any) -> None:
         """Replace a file of the run folder atomically: a reader sees the old content or the new one, never a part."""
         import tempfile  # here: whoever only reads does without
 
         handle, temporary = tempfile.mkstemp(dir=self.path, prefix=f".{name}")
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            json.dump(content, stream, indent=1)
-        os.replace(temporary, self.path / name)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                json.dump(content, stream, indent=1)
+            os.replace(temporary, self.path / name)
+        except BaseException as error:
+            Path(temporary).unlink(missing_ok=True)
+            if isinstance(error, OSError):
+                error.filename, error.filename2 = str(self.path / name), None
+            raise
 
     def _read(self, name: str) -> Any:
         try:

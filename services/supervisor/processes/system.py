@@ -86,6 +86,8 @@ class System:
         self._noting = threading.Lock()
         self._restarts = dict.fromkeys(self._services, 0)
         self._looked: float | None = None
+        self._unstored = False
+        """True while processes have changed since their identities were last stored."""
 
     @property
     def service_names(self) -> tuple[str, ...]:
@@ -134,11 +136,10 @@ class System:
             self._observed[name] = self._observe(name, now)
         actions = plan(self._wanted, self._observed, now, shutdown=shutdown)
         self._notes = {action.service: action for action in actions}
-        changed = False
         for action in actions:
-            changed |= self._act(action, now)
-        if changed:
-            self._store()
+            self._unstored |= self._act(action, now)
+        if self._unstored:
+            self._unstored = not self._store()
         return actions
 
     def settled(self) -> bool:
@@ -280,11 +281,14 @@ class System:
         environment = {**self._environment, **service.environment}
         return Child(service.name, command, environment, self.folder.log(service.name), self._forks)
 
-    def _store(self) -> None:
-        """Store the identities of the system's processes for a successor, in case this supervisor dies."""
+    def _store(self) -> bool:
+        """Store the identities of the system's processes for a successor, in case this supervisor dies.
+
+        Return False if that failed, as on a full disk.
+        """
         found = {
             name: process.identity
             for name, process in self._processes.items()
             if isinstance(process, Child) and process.identity is not None and process.poll() is None
         }
-        self.folder.write_processes(found)
+        return self.folder.write_processes(found)
