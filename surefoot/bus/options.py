@@ -32,6 +32,10 @@ processor."""
 DROP_AFTER_US = 20_000
 """Longest wait of a message for room on a link, us; then it and those after it are dropped until there is room. Longer
 than a busy machine delays a sending thread, too short to disturb a robot."""
+CLOSE_FULL_US = 1_000_000
+"""Time after which the router closes the link to a client that takes none of its replies, us. Zenoh gives a reply the
+quality of service of its query, so that it may not be dropped, and all replies behind it wait meanwhile, those to other
+clients too; its default is 5 s."""
 MOST_PENDING, ACCEPT_MS = 512, 5000
 """`MOST_PENDING`: largest number of connections without a completed handshake; `ACCEPT_MS`: time after which such a
 connection is closed, ms; with Zenoh's defaults (10 s) a hundred silent ones block all other connections."""
@@ -144,6 +148,8 @@ def zenoh_config(endpoint: ZenohOptions, name: str = "") -> zenoh.Config:
         "transport/shared_memory/enabled": shares_memory(),
         "transport/shared_memory/transport_optimization/message_size_threshold": SHARED_FROM,
     }
+    if endpoint.mode == "router":
+        settings["transport/link/tx/queue/congestion_control/block/wait_before_close"] = CLOSE_FULL_US
     if endpoint.mode != "client":
         settings["scouting/gossip/autoconnect_strategy"] = {
             "peer": {"to_router": "always", "to_peer": "greater-zid"},
