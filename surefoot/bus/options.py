@@ -4,6 +4,7 @@
 
 import json
 import os
+import resource
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -36,9 +37,12 @@ CLOSE_FULL_US = 1_000_000
 """Time after which the router closes the link to a client that takes none of its replies, us. Zenoh gives a reply the
 quality of service of its query, so that it may not be dropped, and all replies behind it wait meanwhile, those to other
 clients too; its default is 5 s."""
-MOST_PENDING, ACCEPT_MS = 512, 5000
-"""`MOST_PENDING`: largest number of connections without a completed handshake; `ACCEPT_MS`: time after which such a
-connection is closed, ms; with Zenoh's defaults (10 s) a hundred silent ones block all other connections."""
+MOST_PENDING, LEAST_PENDING, ACCEPT_MS = 4096, 512, 5000
+"""`MOST_PENDING`: largest number of connections without a completed handshake, half of the descriptors that a process
+may have, but `LEAST_PENDING` at least; `ACCEPT_MS`: time after which such a connection is closed, ms; with Zenoh's
+defaults (100; 10 s) a hundred silent ones block all other connections."""
+DESCRIPTORS = 2 * MOST_PENDING
+"""Number of descriptors that the process of a router may have, if the system permits it."""
 HANDSHAKE_MS = 60_000
 """Time after which a connection without a completed TLS handshake is closed, ms. After each that fails Zenoh 1.10
 accepts nothing for 100 ms, so that with its default of 10 s a hundred silent connections block all others."""
@@ -98,13 +102,30 @@ def client_options(connect: str, namespace: str, patience_ms: int = CONNECT_TIME
     return ZenohOptions("client", (connect,), namespace=namespace, secret=secret, patience_ms=patience_ms)
 
 
+def _most_pending() -> int:
+    """Return the largest number of connections without a completed handshake, from this process's descriptors."""
+    return min(MOST_PENDING, max(LEAST_PENDING, resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2))
+
+
+def _more_descriptors() -> None:
+    """Raise the number of descriptors that this process may have to `DESCRIPTORS`, or as near as the system permits."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = DESCRIPTORS if hard == resource.RLIM_INFINITY else min(DESCRIPTORS, hard)
+    if resource.RLIM_INFINITY != soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+
+
 @contextmanager
 def reading_threads(endpoint: ZenohOptions) -> Generator[None]:
     """Give the first session of this process, if it is a router, enough threads to read; others keep Zenoh's number.
 
+    A router may have more descriptors, too, as each connection of a client is one.
+
     Zenoh takes the number from the environment, where one that the user has set is kept, and processes that are started
     later do not find it.
     """
+    if endpoint.mode == "router":
+        _more_descriptors()
     if endpoint.mode != "router" or RUNTIME in os.environ:
         yield
         return
@@ -135,7 +156,7 @@ def zenoh_config(endpoint: ZenohOptions, name: str = "") -> zenoh.Config:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": endpoint.mode != "client",
         "scouting/delay": 0,
-        "transport/unicast/accept_pending": MOST_PENDING,
+        "transport/unicast/accept_pending": _most_pending(),
         "transport/unicast/accept_timeout": ACCEPT_MS,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
         "transport/link/tx/lease": LEASE_MS,
