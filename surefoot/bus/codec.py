@@ -6,16 +6,11 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from surefoot.bus.sizes import MAX_BULK_BYTES, MAX_JSON_BYTES
 from surefoot.errors import Refusal
 from surefoot.schemas.base import Bulk, BulkRequest, Header, Message, Wire
 
 W = TypeVar("W", bound=Wire)
-
-MAX_JSON_BYTES = 1 << 20
-"""Largest JSON payload of a message, bytes; a larger one is refused."""
-
-MAX_BULK_BYTES = 64 << 20
-"""Largest raw array of a message, bytes, which a 4096 x 4096 float32 map fills; a larger one is refused."""
 
 _JSON = "application/json"
 _OCTETS = "application/octet-stream"

@@ -12,9 +12,9 @@ from typing import Any
 
 import zenoh
 
-from surefoot.bus.codec import MAX_BULK_BYTES
 from surefoot.bus.endpoint import DEFAULT_ENDPOINT, any_port, checked_namespace, is_secure, settings_file
 from surefoot.bus.seals import given_secret
+from surefoot.bus.sizes import MAX_BULK_BYTES
 from surefoot.errors import ConfigError
 from surefoot.state import secret_of
 

@@ -1,4 +1,4 @@
-"""SealTimes of the newest seal times of a sender, by which late messages are distinguished from repeated ones.
+"""Newest seal times of a sender, by which late messages are distinguished from repeated ones.
 
 As the anti-replay window of IPsec (RFC 4303, 3.4.3), for times instead of sequence numbers: these have gaps, so the
 window holds the times themselves and not a bit for each number.

@@ -18,7 +18,6 @@ from surefoot.bus.interface import Life
 from surefoot.bus.pour import keep_thread_state
 from surefoot.bus.seals import DRIVER
 from surefoot.bus.unread import LinkTrouble
-from surefoot.schemas.topics import QUERIES, TOPICS
 
 LIVE, STARTS = "alive", "starts"
 """`LIVE`: first word of the liveliness-token key of a process that is ready; `STARTS`: first word of the key that a
@@ -31,13 +30,19 @@ by hand; `MOST_FOREIGN`: largest number of visible tokens under such names that 
 MAX_SHOWN, MOST_NAMED = 64, 16
 """`MAX_SHOWN`: characters to which a name of no service is cut in reports; `MOST_NAMED`: largest number of such names
 in a report, further ones count under the empty name."""
-_OWNERS = {row.owner for row in (*TOPICS, *QUERIES)}
 _NAME = set("abcdefghijklmnopqrstuvwxyz0123456789_")
 
 
 def given_services() -> tuple[str, ...]:
     """Return the names of the services of this system from the environment; empty = they are not known."""
     return tuple(filter(_is_name, os.environ.get(SERVICES, "").split(",")))
+
+
+def _owners() -> set[str]:
+    """Return the services that own a topic or a query."""
+    from surefoot.schemas.topics import QUERIES, TOPICS  # here: `surefoot stop` watches nothing, and does without
+
+    return {row.owner for row in (*TOPICS, *QUERIES)}
 
 
 def _is_name(service: str) -> bool:
@@ -99,7 +104,8 @@ class Tokens:
         Without ``services`` those of the system count. Any of them that owns no topic or query may drive the ticks, and
         is watched always: the name of the driver is sealed for it.
         """
-        names = self._services if services is None else (*services, *(s for s in self._services if s not in _OWNERS))
+        owners = set[str]() if services is None else _owners()
+        names = self._services if services is None else (*services, *(s for s in self._services if s not in owners))
         if not self._everything:
             self._sinks.append(sink)
             for service in sorted({*names, DRIVER}):

@@ -149,7 +149,8 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
     memory, foot, last = state.memory, geometry.foot, -1
     own, _ = _middle(likely, foot, f)
     square, count = 0.0, 0
-    ahead, aside = _slope(memory) if memory[M.sunk + 1] > 0.0 else (0.0, 0.0)  # a robot that walks shows it
+    known = foot[foot.size - 1] > 1 and memory[M.sunk + 1] > 0.0  # at a stand, and of two feet, a slope explains all
+    ahead, aside = _slope(memory) if known else (0.0, 0.0)
     for k in range(foot.size):
         if foot[k] == last or foot[k] == f or likely.points[k, P.down] == 0.0 or likely.points[k, P.level] == 0.0:
             continue
