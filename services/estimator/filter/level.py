@@ -11,9 +11,10 @@ which is a Kalman correction of all that correlates with the height, by R = P n/
 level stays unknown. Feet that stand on one level are equally high, which shows the tilt.
 
 Rough ground and slopes have no levels. Feet that stand at the same time show that, whatever the height has drifted by:
-the rms difference u of their heights on one level is the unevenness of the ground, the regression of these on their
-distances its slope. n = (n_0 + u^2)^2/n_0 with n_0 = `FIXED.step_sd`^2; on a slope, and under a foot that is further
-off than u, nothing is corrected.
+the regression of the differences of their heights on one level on their distances is the slope of the ground, the rms
+of what it leaves the unevenness u (for two feet, and at a stand, of the differences: a slope explains all of them).
+n = (n_0 + u^2)^2/n_0 with n_0 = `FIXED.step_sd`^2; on a slope, and under a foot that is further off than u, nothing is
+corrected.
 """
 
 import math
@@ -149,8 +150,8 @@ def _learn_ground(state: BestState, likely: BestState, geometry: BestGeometry, f
     memory, foot, last = state.memory, geometry.foot, -1
     own, _ = _middle(likely, foot, f)
     square, count = 0.0, 0
-    known = foot[foot.size - 1] > 1 and memory[M.sunk + 1] > 0.0  # at a stand, and of two feet, a slope explains all
-    ahead, aside = _slope(memory) if known else (0.0, 0.0)
+    walks = foot[foot.size - 1] > 1 and memory[M.sunk + 1] > 0.0  # on more than two feet
+    ahead, aside = _slope(memory) if walks else (0.0, 0.0)
     for k in range(foot.size):
         if foot[k] == last or foot[k] == f or likely.points[k, P.down] == 0.0 or likely.points[k, P.level] == 0.0:
             continue

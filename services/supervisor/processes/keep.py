@@ -83,7 +83,7 @@ def keep(
     }
     with Session(compose, listen=listen, environment=environment, spawn=spawn, notify=notify) as session:
         wanted = set(session.system.service_names)
-        told, written, trouble = False, None, ""
+        reported, written, trouble = False, None, ""
         reset_by, alone_since = "", 0.0
         while not stop.is_set():
             session.step()
@@ -104,11 +104,11 @@ def keep(
                 alone_since = alone_since or time.monotonic()
                 if time.monotonic() - alone_since > DRIVER_S:
                     raise BusError("not_ready", f"no service of {compose.path} drives; one must be the robot's driver")
-            if not told and session.supervisor.ticks > 0 and (session.system.settled() or not spawn):
+            if not reported and session.supervisor.ticks > 0 and (session.system.settled() or not spawn):
                 report = session.report()
                 session.folder.write_ready(report)
                 ready(report)
-                told = True
+                reported = True
             session.system.wait(STEP_S)
 
 

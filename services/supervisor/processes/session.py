@@ -244,8 +244,8 @@ class Session:
     def rows(self) -> tuple[ServiceStatus, ...]:
         """Return the state of every service: by its process, or by the bus if this session did not start it."""
         if self._spawn:
-            told = self.supervisor.status is not self._before
-            stops = self.supervisor.stops() if told else []
+            current = self.supervisor.status is not self._before
+            stops = self.supervisor.stops() if current else []
             why, driver = "; ".join(filter(None, (*stops, self._still_words))), self.driver
             rows = self.system.rows()
             return tuple(
