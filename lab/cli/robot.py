@@ -69,7 +69,7 @@ def import_file(
         lists = {"found": made.found, "assumed": made.assumed, "missing": made.missing}
         write_json({"out": str(out), **lists, "differences": worst})
         return
-    rows = [(kind, text) for kind in ("found", "assumed", "missing") for text in getattr(made, kind)]
+    rows = [(kind, text) for kind in ("found", "assumed", "missing") for text in _grouped(getattr(made, kind))]
     write_table(("what", "of the robot"), rows)
     write(f"against MuJoCo: {_words(worst)}")
     place = out if out.is_absolute() else f"./{out}"
@@ -133,7 +133,7 @@ def check(
     else:
         write_table(("quantity", "value"), rows)
         if imported:
-            write(f"next: surefoot run stand --robot {quote(name)}")
+            write(f"next: surefoot {'run stand --robot' if robot.gait else 'robot show'} {quote(name)}")
 
 
 def _write(name: str, out: Path | None, suffix: str, force: bool, make: Callable[["Robot", Path], object]) -> None:
@@ -145,6 +145,20 @@ def _write(name: str, out: Path | None, suffix: str, force: bool, make: Callable
     refuse_unreachable(out, makes_folders=False)
     make(robot, out)
     write_answer({"out": near(out)}, f"wrote {near(out)}")
+
+
+def _grouped(texts: list[str]) -> list[str]:
+    """Return notes of an import with one line for those that differ in a name only: `kp of a, b and 10 more: ...`."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for text in texts:
+        what, of, rest = text.partition(" of ")
+        name, colon, why = rest.partition(": ")
+        groups.setdefault((what, why) if of and colon else (text, ""), []).append(name)
+    lines = []
+    for (what, why), names in groups.items():
+        some = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        lines.append(f"{what} of {some}: {why}" if why else what)
+    return lines
 
 
 def _words(worst: Mapping[str, float]) -> str:

@@ -17,6 +17,10 @@ FOOT_NAMES = re.compile(r"foot|feet|toe|sole|_ee|contact|ankle", re.IGNORECASE)
 SAME_M = 1e-4
 """Distance between the centres of two spheres of a foot, m, up to which they count as one sphere."""
 ASSUMED_RADIUS = 0.02  # m, of a foot without a sphere: that of a dog-sized robot
+CORNER_RADIUS = 0.005
+"""Largest radius, m, of the spheres that stand for the corners of a flat sole; half of a thinner box's thickness."""
+LEVEL_M = 0.005
+"""Largest distance, m, of a box's lower face from that of the lowest box with which it forms a sole."""
 NO_MASS = 1e-9  # kg, what weighs less is nothing
 
 
@@ -36,19 +40,30 @@ class Segment:
 
 
 class FileMark(NamedTuple):
-    """Reference to a point of a compiled model: origin of a body or site, centre of a geom, or end of a capsule."""
+    """Reference to a point of a compiled model: origin of a body or site, or centre, end or corner of a geom.
+
+    The corner of a box is the centre of the sphere of radius `corner_radius` that touches its three faces.
+    """
 
     kind: str  # body, site or geom
     number: int
-    end: int = 0  # -1, 1 = end of a capsule against or along its axis
+    end: int = 0  # of a capsule: -1, 1 = against or along its axis; of a box: 1 + bit i for the positive side along i
 
     def place(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Return the position of the referenced point at the state `data`, (3,) m, world frame."""
         at = {"body": data.xpos, "site": data.site_xpos, "geom": data.geom_xpos}[self.kind][self.number]
         if self.end == 0:
             return at.copy()
-        half = model.geom_size[self.number][1]
-        return at + self.end * half * data.geom_xmat[self.number].reshape(3, 3)[:, 2]
+        size, axes = model.geom_size[self.number], data.geom_xmat[self.number].reshape(3, 3)
+        if model.geom_type[self.number] == int(mujoco.mjtGeom.mjGEOM_BOX):
+            sides = np.array([1.0 if (self.end - 1) >> i & 1 else -1.0 for i in range(3)])
+            return at + axes @ (sides * (size - corner_radius(size)))
+        return at + self.end * size[1] * axes[:, 2]
+
+
+def corner_radius(size: Array) -> float:
+    """Return the radius, m, of the spheres that stand for the corners of a box with half sizes `size` (3,) m."""
+    return min(CORNER_RADIUS, float(size.min()))
 
 
 @dataclass
@@ -155,7 +170,8 @@ def _merge(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> None
 def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array) -> FootPoint | None:
     """Return the foot at the last segment of a limb, in the frame of that segment; None if no point qualifies.
 
-    A foot is a sphere or several, else a body or site with the name of a foot, else the lowest end of a capsule.
+    A foot is a sphere or several with the name of a foot, any sphere, the lowest end of a capsule or the lower corners
+    of boxes with such a name, a body or site with such a name, or the lowest end of any capsule.
 
     Args:
         model: compiled model.
@@ -172,13 +188,15 @@ def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array)
     best = min(ends, key=lambda e: (e.rank, e.mark.place(model, data)[2] - e.radius))
     marks, centre = [best.mark], best.mark if best.rank else None
     sites = [e.mark for e in ends if e.mark.kind == "site"]
-    if best.rank == 0:
-        marks = _sole([e.mark for e in ends if e.rank == 0 and e.radius == best.radius], model, data)
+    same = [e for e in ends if e.rank == best.rank and e.radius == best.radius and e.box == best.box]
+    if best.rank == 0 or best.box:
+        marks = _sole([e.mark for e in same if not e.box or _below(e.mark, best.mark, model, data)], model, data)
         centre = marks[0] if len(marks) == 1 else next(iter(sites), None)
     origin, rot = data.xanchor[segment.joint], data.xmat[segment.body].reshape(3, 3)
     points = np.array([rot.T @ (mark.place(model, data) - origin) for mark in marks])
     position = points.mean(axis=0) if centre is None else rot.T @ (centre.place(model, data) - origin)
-    found = best.found if len(marks) == 1 else f"{len(marks)} spheres at body {model.body(segment.bodies[-1]).name!r}"
+    many = f"{len(marks)} spheres at body {model.body(segment.bodies[-1]).name!r}"
+    found = best.found if len(marks) == 1 or best.box else many
     return FootPoint(tip, position, points, best.radius, best.named, found, centre, marks)
 
 
@@ -190,17 +208,39 @@ class _TouchPoint(NamedTuple):
     found: str
     named: bool
     mark: FileMark
+    box: bool = False  # a corner of a box
+
+
+def _below(corner: FileMark, lowest: FileMark, model: mujoco.MjModel, data: mujoco.MjData) -> bool:
+    """Return True if a corner is on the lower face of its box, in the plane of that of the box with corner `lowest`.
+
+    The lower face of a box is the one whose normal points down most, for a foot may be tilted at this posture.
+    """
+    down = np.zeros(3)
+    for mark in (lowest, corner):
+        axes = data.geom_xmat[mark.number].reshape(3, 3)
+        i = int(np.abs(axes[2]).argmax())
+        down = down if down.any() else -np.sign(axes[2, i]) * axes[:, i]
+        if (((mark.end - 1) >> i & 1) == 1) == (axes[2, i] > 0.0):
+            return False
+    return abs(float(down @ (corner.place(model, data) - lowest.place(model, data)))) <= LEVEL_M
 
 
 def _ends(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> list[_TouchPoint]:
-    """Return the candidates for a foot on a segment: spheres, ends of capsules, bodies and sites named like a foot."""
+    """Return the candidates for a foot on a segment: spheres, ends of capsules, and what is named like a foot.
+
+    These are corners of boxes, fixed bodies and sites.
+    """
     kind, ends = mujoco.mjtGeom, list[_TouchPoint]()
     for geom in range(model.ngeom):
         body, shape = int(model.geom_bodyid[geom]), int(model.geom_type[geom])
+        named = bool(FOOT_NAMES.search(f"{model.geom(geom).name} {model.body(body).name}"))
+        if body in segment.bodies and shape == int(kind.mjGEOM_BOX) and named:
+            radius, text = corner_radius(model.geom_size[geom]), f"box at body {model.body(body).name!r}"
+            ends += [_TouchPoint(2, radius, text, True, FileMark("geom", geom, 1 + k), True) for k in range(8)]
         if body not in segment.bodies or shape not in (int(kind.mjGEOM_SPHERE), int(kind.mjGEOM_CAPSULE)):
             continue
         sphere = shape == int(kind.mjGEOM_SPHERE)
-        named = bool(FOOT_NAMES.search(f"{model.geom(geom).name} {model.body(body).name}"))
         rank = (0 if named else 1) if sphere else (2 if named else 4)
         text = f"{'sphere' if sphere else 'end of a capsule'} at body {model.body(body).name!r}"
         for end in (0,) if sphere else (-1, 1):

@@ -43,6 +43,7 @@ def import_robot(file: Path, out: Path) -> Imported:
         robot = load_robot(trial)
         if can_stand(robot):
             made.tables["gait"] |= gait_numbers(robot)
+        if len(made.tables["gait"]) > 1:
             made.assumed.append("gait: from the lengths of the legs; better: [gait] after walks in the simulator")
             _write(trial, made, header)
         (trial / "source.xml").write_text(text, encoding="utf-8")

@@ -11,7 +11,7 @@ from surefoot.tables import FileModel, Text, Vector, Whole, validated
 
 FILE, SOURCE = "import.json", "source.xml"
 """`FILE`: name of the notes of an import in the robot folder; `SOURCE`: name of the file with the imported XML."""
-Mark = tuple[Literal["body", "site", "geom"], Annotated[Whole, Field(ge=0)], Annotated[Whole, Field(ge=-1, le=1)]]
+Mark = tuple[Literal["body", "site", "geom"], Annotated[Whole, Field(ge=0)], Annotated[Whole, Field(ge=-1, le=8)]]
 
 
 class FootNote(FileModel):

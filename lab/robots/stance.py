@@ -10,6 +10,7 @@ from surefoot.geometry.constants import GRAVITY
 from surefoot.robot.damped_legs import damped_ik
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions, forward
+from surefoot.services.walker.biped.ik import leg_geometry
 
 from .anatomy import SAME_M
 
@@ -26,6 +27,9 @@ ONE_SIDE, LEAST_DOWN, ALONG = 0.8, 0.3, 0.9
 """`ONE_SIDE`: length of the mean unit vector from second joint to foot above which that vector counts as down;
 `LEAST_DOWN`: its share along -z below which a warning on the axes is given; `ALONG`: share of a joint axis along x, y
 or z above which the axis counts as parallel to it."""
+OUTWARD = 0.35
+"""Level distance from second joint to foot in a generated posture of a leg whose first axis is vertical, as a share of
+the leg length: a foot close to that axis cannot follow a trunk that leans."""
 TRIES = 64
 """Number of random start postures of the inverse kinematics that searches a standing posture of a leg."""
 MOST_TORQUE = 4.0
@@ -36,10 +40,20 @@ before a step, s. Durations of other robots scale with the square root of the le
 STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
 """Gait of a quadruped as shares of the leg length: `STRIDE`: distance that the trunk travels per gait cycle;
 `MOST_STRIDE`: largest such distance; `CLEARANCE`: step height."""
-SPRAWLED_STRIDE = 0.22
-"""Distance that the trunk of a robot with six legs travels per gait cycle, as a share of the leg length."""
+SPRAWLED_STRIDE, INSECT_STRIDE = 0.22, 0.3
+"""Distance that the trunk travels per gait cycle, as a share of the leg length, on six legs; on four of an insect."""
+NAO_LEG_M = 0.203
+NAO_WAYS = {
+    "step_m": 0.05, "max_step_m": 0.06, "quick_m": 0.03, "lift_m": 0.02, "zmp_x_m": 0.01, "zmp_y_m": 0.006,
+    "close_m": 0.003,
+}  # fmt: skip
+NAO_TIMES = {"step_s": 0.9, "quick_s": 0.4, "start_s": 1.0}
+"""`NAO_LEG_M`: leg length of Nao, m; `NAO_WAYS`, m, and `NAO_TIMES`, s: its gait, scaled for other bipeds."""
 LEAN_SHARE = 0.55
 """Stability margin required before a foot lifts, as a share of the radius of the circle inscribed in the other feet."""
+MOST_LEAN, INSECT_LEAN = 0.17, 0.13
+"""Largest such margin, as a share of the leg length: legs that stand far apart do not reach further; those that turn
+about the vertical first (`INSECT_LEAN`) less far."""
 SWAY = 0.36
 """Largest displacement of the zero-moment point by the trunk's acceleration, as a share of the stability margin."""
 
@@ -62,8 +76,9 @@ def leg_length(robot: Robot) -> float:
 def standing(robot: Robot, chosen: bool) -> Array:
     """Return joint angles (nj,) rad of a stance on bent legs: the neutral posture if all legs are bent in it.
 
-    Else each foot is placed below the second joint of its leg. Of the postures found, those with the third joint
-    behind the second are preferred, then the one with the smallest angles.
+    Else each foot is placed below the second joint of its leg, or, where the first axis is vertical, below and outside
+    of it. Of the postures found, those with the third joint behind the second are preferred for legs that swing along
+    the trunk, then the one with the smallest angles.
 
     Args:
         robot: robot for which `can_stand` is True.
@@ -76,7 +91,7 @@ def standing(robot: Robot, chosen: bool) -> Array:
         return robot.neutral
     angles = robot.neutral.copy()
     for i, leg in enumerate(robot.legs):
-        found = _under(robot, i, EXTENSION * length)
+        found = _under(robot, i, length)
         if found is not None:
             angles[list(leg.joints)] = found
     return angles
@@ -107,18 +122,43 @@ def doubts_of_axes(robot: Robot) -> list[str]:
     return found
 
 
+def turns_first(robot: Robot, leg: int) -> bool:
+    """Return True if the first axis of a leg is vertical in the neutral posture: the leg of an insect, not of a dog."""
+    link = robot.joints[robot.legs[leg].joints[0]].link
+    return abs(float((forward(robot.model, robot.neutral)[0][link] @ robot.links[link].axis)[2])) > ALONG
+
+
+def _outward(robot: Robot, leg: int, pos: Array) -> Array:
+    """Return the level direction in which an insect's leg stands out, (2,), from the places of the links, (n, 3) m.
+
+    That is the direction from the first to the second joint; of a robot with four legs that to its corner, so that feet
+    make a square.
+    """
+    first, second = (pos[robot.joints[robot.legs[leg].joints[k]].link] for k in (0, 1))
+    way = np.sign(first[:2]) if robot.nlegs == 4 else second[:2] - first[:2]
+    way = way if np.linalg.norm(way) > SAME_M else first[:2]
+    return way / max(float(np.linalg.norm(way)), SAME_M)
+
+
 def _arm(robot: Robot, q: Array, leg: int) -> Array:
     """Return the vector from a leg's second joint to its foot, (3,) m, base_link, at joint angles q (n,) rad."""
     second = robot.joints[robot.legs[leg].joints[1]].link
     return foot_positions(robot.model, q)[leg] - forward(robot.model, q)[1][second]
 
 
-def _under(robot: Robot, leg: int, below: float) -> Array | None:
-    """Return joint angles of a leg, rad, with its foot `below` m under its second joint; None if none were found."""
+def _under(robot: Robot, leg: int, length: float) -> Array | None:
+    """Return joint angles of a leg of `length` m in a bent stance, rad; None if none were found."""
     joints, q = list(robot.legs[leg].joints), robot.neutral.copy()
     q[joints[0]] = min(max(0.0, robot.joint_lower[joints[0]]), robot.joint_upper[joints[0]])
     second, third = (robot.joints[j].link for j in joints[1:3])
-    target = forward(robot.model, q)[1][second] + np.array([0.0, _arm(robot, q, leg)[1], -below])
+    _, pos = forward(robot.model, q)
+    if turns_first(robot, leg):
+        way, first = _outward(robot, leg, pos), pos[robot.joints[joints[0]].link]
+        away = OUTWARD * length + float(np.linalg.norm(pos[second, :2] - first[:2]))
+        below = math.sqrt(EXTENSION**2 - OUTWARD**2) * length
+        target = np.array([*(first[:2] + away * way), pos[second, 2] - below])
+    else:
+        target = pos[second] + np.array([0.0, _arm(robot, q, leg)[1], -EXTENSION * length])
     lower, upper = robot.joint_lower[joints], robot.joint_upper[joints]
     random, found = np.random.default_rng(leg), list[tuple[bool, float, Array]]()
     for _ in range(TRIES):
@@ -129,7 +169,8 @@ def _under(robot: Robot, leg: int, below: float) -> Array | None:
         if reached:
             q[joints] = angles
             _, pos = forward(robot.model, q)
-            found.append((bool(pos[third][0] > pos[second][0]), round(float(np.abs(angles).sum()), 6), angles))
+            ahead = not turns_first(robot, leg) and bool(pos[third][0] > pos[second][0])
+            found.append((ahead, round(float(np.abs(angles).sum()), 6), angles))
     return min(found, key=lambda each: each[:2])[2] if found else None
 
 
@@ -145,10 +186,30 @@ def gait_numbers(robot: Robot) -> dict[str, float]:
     }  # fmt: skip
     if robot.kind == "quadruped":
         margin = LEAN_SHARE * min(_inner_circle(np.delete(feet[:, :2], i, axis=0)) for i in range(robot.nlegs))
+        insect = all(turns_first(robot, i) for i in range(robot.nlegs))
+        margin = min(margin, (INSECT_LEAN if insect else MOST_LEAN) * length)
+        stride, most = (INSECT_STRIDE, 1.4 * INSECT_STRIDE) if insect else (STRIDE, MOST_STRIDE)
         numbers |= {
-            "stride_m": STRIDE * length, "max_stride_m": MOST_STRIDE * length, "lean_margin_m": margin,
+            "stride_m": stride * length, "max_stride_m": most * length, "lean_margin_m": margin,
             "lean_s": LEAN_S * slower, "lean_acceleration": SWAY * margin * GRAVITY / height,
         }  # fmt: skip
+    return {name: round(value, 4) for name, value in numbers.items()}
+
+
+def gait_on_two(robot: Robot) -> dict[str, float]:
+    """Return the parameters of the table `[gait]` of a robot with two legs, by name: those of Nao scaled by leg length.
+
+    Ways grow with the length, durations with its square root.
+
+    Raises:
+        RobotError: the legs are not of the kind that walks.
+    """
+    geometry = leg_geometry(robot)
+    scale = (geometry.thigh + geometry.shin) / NAO_LEG_M
+    numbers = {name: value * scale for name, value in NAO_WAYS.items()}
+    numbers |= {name: value * math.sqrt(scale) for name, value in NAO_TIMES.items()}
+    ahead = float(np.mean([leg.foot.position[0] for leg in robot.legs]))
+    numbers |= {"zmp_x_m": min(numbers["zmp_x_m"], max(ahead, 0.0)), "crouch": 0.9}
     return {name: round(value, 4) for name, value in numbers.items()}
 
 

@@ -14,9 +14,11 @@ import numpy as np
 from surefoot.arrays import Array
 from surefoot.robot.description import Robot, RobotError
 from surefoot.robot.names import plain
+from surefoot.services.walker.biped.gait import BipedWalker
+from surefoot.services.walker.biped.params import BipedParams
 
 from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk_body
-from .stance import MOST_TORQUE, can_stand, doubts_of_axes, standing, torque_limit
+from .stance import MOST_TORQUE, can_stand, doubts_of_axes, gait_on_two, standing, torque_limit
 
 STIFFNESS, DAMPING = 5.0, 0.1
 """Servo gains for joints whose file has none, as multiples of the largest torque: `STIFFNESS`: position gain, 1/rad;
@@ -25,6 +27,8 @@ SWING = 2.0 * math.pi * 10.0
 """Natural angular frequency, rad/s, from which a servo's rotor inertia is derived if the file has none: without a
 rotor, light links vibrate at the simulation rate and standing feet creep by centimetres."""
 KINDS = {6: "hexapod", 4: "quadruped", 2: "biped"}
+MOST_ENDS = 12
+"""Largest number of last bodies of limbs that an error names."""
 HALF_TURN = math.pi  # rad, assumed limit of a joint without limits
 SMALLEST_BOX = 1e-6  # m, of a flat body's inertia box: its inertia changes by less than 1e-12 m2 times the mass
 
@@ -56,6 +60,11 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
     _check_couplings(model, {segs[limb[0]].joint for limb in limbs})
     feet = _feet(model, segs, limbs, angles)
     base = segs[0]
+    if (legs := [i for i, foot in enumerate(feet) if foot is not None]) and len(legs) == 2:  # of a biped: left first
+        left, right = (base.rot.T @ (segs[limbs[i][0]].origin - base.origin) for i in legs)
+        if left[1] < right[1]:
+            limbs[legs[0]], limbs[legs[1]] = limbs[legs[1]], limbs[legs[0]]
+            feet[legs[0]], feet[legs[1]] = feet[legs[1]], feet[legs[0]]
     names = [_limb_name(model, segs, limb, i) for i, limb in enumerate(limbs)]
     names = names if len(set(names)) == len(names) else [f"limb{i}" for i in range(len(limbs))]
     servos: dict[str, dict[str, Any]] = {}
@@ -124,18 +133,14 @@ def stand_on(made: Imported, robot: Robot) -> None:
         made: tables of the robot, changed in place.
         robot: robot description made from these tables; its neutral posture is used if the robot can stand in it.
     """
+    if robot.nlegs == 2:
+        _stand_on_two(made, robot)
+        return
     if not can_stand(robot):
         made.missing.append("gait: walks need six joints a leg of two legs, or three a leg of more")
         return
     made.assumed += doubts_of_axes(robot)
-    q = standing(robot, made.home)
-    links = {f"{limb}_{link['name']}": link for limb, chain in made.tables["chains"].items() for link in chain["links"]}
-    moved = np.flatnonzero(np.abs(q - robot.neutral) > 0.0)
-    for j in moved:
-        links[robot.joints[j].name]["neutral_deg"] = math.degrees(q[j])
-    if moved.size:
-        text = "neutral posture: bent legs, feet under the hips; better: a keyframe 'home', or neutral_deg"
-        made.assumed = [t for t in made.assumed if not t.startswith("neutral posture")] + [text]
+    _bend(made, robot, standing(robot, made.home))
     most = torque_limit(robot)
     for name, servo in made.tables["servos"].items():
         if servo["max_torque"] > MOST_TORQUE * most:
@@ -144,6 +149,30 @@ def stand_on(made: Imported, robot: Robot) -> None:
             )
             made.assumed.append(f"{text}; better: the motor's in [servos]")
             servo |= {"kp": STIFFNESS * most, "kv": DAMPING * most, "max_torque": most}
+
+
+def _stand_on_two(made: Imported, robot: Robot) -> None:
+    """Add gait and standing posture of a robot with two legs, if its legs are of the kind that walks; else a note."""
+    try:
+        gait = gait_on_two(robot)
+        q = BipedWalker(robot, BipedParams.for_robot(robot, **gait)).servos.stance
+    except RobotError as error:
+        made.missing.append(f"gait: {error}")
+        return
+    made.tables["gait"] |= gait
+    if not made.home:
+        _bend(made, robot, q)
+
+
+def _bend(made: Imported, robot: Robot, q: Array) -> None:
+    """Store joint angles `q` (nj,) rad of a stance as neutral posture, with a note if they differ from the present."""
+    links = {f"{limb}_{link['name']}": link for limb, chain in made.tables["chains"].items() for link in chain["links"]}
+    moved = np.flatnonzero(np.abs(q - robot.neutral) > 0.0)
+    for j in moved:
+        links[robot.joints[j].name]["neutral_deg"] = math.degrees(q[j])
+    if moved.size:
+        text = "neutral posture: bent legs, feet under the hips; better: a keyframe 'home', or neutral_deg"
+        made.assumed = [t for t in made.assumed if not t.startswith("neutral posture")] + [text]
 
 
 def assume_rotors(made: Imported) -> None:
@@ -214,7 +243,9 @@ def _feet(model: mujoco.MjModel, segs: list[Segment], limbs: list[list[int]], an
         feet = [foot if foot is not None and foot.named else None for foot in feet]
     count = sum(foot is not None for foot in feet)
     if count not in KINDS:
-        text = f"got {count} limbs with a foot, allowed are 2, 4 or 6; name the feet's bodies or sites *foot*"
+        last = [model.body(segs[i].body).name for limb in limbs for i in limb if all(s.parent != i for s in segs)]
+        ends = f" (the limbs end at {', '.join(last)})" if 0 < len(last) <= MOST_ENDS else ""
+        text = f"got {count} limbs with a foot, allowed are 2, 4 or 6; name the feet's bodies or sites *foot*{ends}"
         raise RobotError("value", "feet", text)
     return feet
 

@@ -165,7 +165,8 @@ class _Tree:
 
     def __init__(self, file: RobotFile) -> None:
         trunk, still = file.trunk, np.zeros(3)
-        self.chains, self.kind = file.chains, file.kind
+        self.chains = file.chains
+        self.walks_on_two = file.kind == "biped" and any(key != "source" for key, _ in file.gait)
         self.servos = {key: _servo(servo) for key, servo in file.servos.items()}
         belly = np.array([np.append(sphere.position, sphere.radius) for sphere in trunk.belly])
         self.trunk = r.Trunk(trunk.mass, np.array(trunk.com), np.array(trunk.box), belly)
@@ -200,9 +201,9 @@ class _Tree:
             raise RobotError("missing", f"{where}.links", "has no joint: give one of the links an axis")
         if chain.foot is None:
             return
-        if self.kind == "biped" and len(joints) != BIPED_LEG_JOINTS:
+        if self.walks_on_two and len(joints) != BIPED_LEG_JOINTS:
             got = ", ".join(self.joints[j].name for j in joints)
-            text = f"a biped's leg has {BIPED_LEG_JOINTS} joints, this one has {got}"
+            text = f"a walking biped's leg has {BIPED_LEG_JOINTS} joints, this one has {got}"
             raise RobotError("missing", f"{where}.links", text)
         self.legs.append(r.Leg(limb.name, joints, links, place.hip, _foot(chain.foot, names, side, f"{where}.foot")))
 

@@ -150,7 +150,8 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
     """Return the trunk pose with the centre of mass over the feet that stand while `legs` swing.
 
     It is the pose nearest to the present lean at which the centre of mass has the margin `lean_margin_m` in the hull of
-    these feet, or a part of that margin where the hull has no room.
+    these feet, or a part of that margin where the hull has no room. After half of the tries that a step gets, half of
+    the margin is wanted, then a quarter: wide leans may be out of the legs' reach.
 
     Args:
         state: state of the walker; not changed.
@@ -163,12 +164,14 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
     edges, bounds = hull_edges(ring_of(planning.contacts(frame, s.footholds[standing])[0][:, :2]))
     rot = rotations.matrix_from_rpy(s.level[0], s.level[1], place.yaw)
     at = np.array([place.x, place.y]) + planning.rotated(place.yaw, s.lean[None])[0]
+    late = s.attempts / frame.params.max_attempts
+    parts = PARTS if late < 0.5 else tuple(p for p in PARTS if p <= (0.5 if late < 0.75 else 0.25))
     for _ in range(LEAN_ROUNDS):
         body = np.array([at[0], at[1], place.z])
         q = kinematics.legs_ik(model, posture.into_base(s.footholds, body, rot))[0]
         com = at + product(rot, kinematics.com(model, q))[:2]
         slack = bounds - product(edges, com)
-        for part in PARTS:
+        for part in parts:
             way, found = nearest_inside(edges, slack, part * frame.params.lean_margin_m)
             if found:
                 at = at + way
