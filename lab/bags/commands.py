@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .ros import BagTopics
 
 app = typer.Typer()
+app.add_typer(bag)
 OFF_SHARE = 0.6
 """Default force below which a foot counts as lifted, as a share of the force from which on it counts as standing."""
 

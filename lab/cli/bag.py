@@ -20,7 +20,7 @@ from .output import (
     write_json,
 )
 
-app = typer.Typer(help="Recordings (MCAP): record, play, show.", no_args_is_help=True)
+app = typer.Typer(name="bag", help="Recordings (MCAP): record, play, show.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="MCAP file.")]
 SHOWN = 100
 """Largest length of a metadata entry in the readable output of `bag info`, characters; the rest is cut off."""

@@ -8,7 +8,7 @@ import typer
 from .output import Connect, Json, Namespace, use_json
 from .viewing import Duration, Shape, seen, show_place, until
 
-app = typer.Typer(help="Live bridges to the programs of others.", no_args_is_help=True)
+app = typer.Typer(name="bridge", help="Live bridges to the programs of others.", no_args_is_help=True)
 
 
 @app.callback()

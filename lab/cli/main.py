@@ -1,9 +1,11 @@
-"""Command line `surefoot` with its subcommands, one module each, which import heavy libraries only when they run."""
+"""Command line `surefoot`: one module for each command, of which only that of the typed one is imported."""
 
 import os
 import signal
 import sys
 import threading
+from collections.abc import Sequence
+from importlib import import_module
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, as in every service
 
@@ -11,66 +13,70 @@ import typer
 
 from surefoot.errors import EXIT_USAGE
 
-from . import (
-    bag,
-    bridge,
-    doctor,
-    graph,
-    node,
-    param,
-    render,
-    report,
-    robot,
-    run,
-    schema,
-    service,
-    sim,
-    stop,
-    system,
-    topic,
-    view,
-    warm,
-)
 from .compiling import COSTS, compilation_reported
-from .needed import needed
+from .index import INDEX
+from .needed import COMPLETING, needed, nothing, typed
 from .output import EXIT_CHECK, EXIT_INTERRUPT, fail, misused, notify, state
-from .rooms import room_commands
+from .rooms import paper_commands, room_modules
 
-app = typer.Typer(
-    name="surefoot",
-    help="Support stack for legged robots: run scenarios, start and watch services, talk to them.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-app.command("run")(run.run)
-app.command("list")(run.list_all)
-app.command("up")(system.up)
-app.command("down")(system.down)
-app.command("stop")(stop.stop)
-app.command("status")(system.status)
-app.command("logs")(system.logs)
-app.command("health")(system.health)
-app.command("supervise")(system.supervise)
-app.command("report")(report.report)
-app.command("render")(render.render)
-app.command("view")(view.view)
-app.command("warm")(warm.warm)
-app.command("call")(service.call)
-app.command("doctor")(doctor.doctor)
-app.command("graph")(graph.graph)
-app.add_typer(topic.app, name="topic")
-app.add_typer(service.app, name="service")
-app.add_typer(node.app, name="node")
-app.add_typer(param.app, name="param")
-app.add_typer(schema.app, name="schema")
-app.add_typer(bag.app, name="bag")
-app.add_typer(robot.app, name="robot")
-app.add_typer(sim.app, name="sim")
-app.add_typer(bridge.app, name="bridge")
-for room in room_commands():
-    app.add_typer(room)
+
+def program() -> typer.Typer:
+    """Return the app of the program with its own options and no command."""
+    empty = typer.Typer(
+        name="surefoot",
+        help="Support stack for legged robots: run scenarios, start and watch services, talk to them.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    empty.callback()(common)
+    return empty
+
+
+def whole() -> typer.Typer:
+    """Return the app with all commands, for shell completion and unknown words; imports all their modules."""
+    app = program()
+    rooms = dict.fromkeys(entry.module for entry in INDEX.values() if not entry.function)
+    for name, entry in INDEX.items():
+        if entry.function:
+            _add(app, name)
+    for module in (*rooms, *(each for each in room_modules() if each not in rooms)):
+        app.add_typer(import_module(f"surefoot.lab.{module}").app)
+    app.add_typer(paper_commands())
+    return app
+
+
+def app_for(words: Sequence[str]) -> typer.Typer:
+    """Return the app for the words of a command line: one command, or names and help texts of all if they name none."""
+    name = typed(words)
+    if COMPLETING in os.environ or (name is not None and name not in INDEX):
+        return needed(whole(), words)
+    app = program()
+    if name is not None:
+        _add(app, name)
+        return needed(app, words)
+    for each, entry in INDEX.items():
+        app.command(each, help=entry.help)(nothing)
+    app.add_typer(paper_commands())
+    return needed(app, words)
+
+
+def _add(app: typer.Typer, name: str) -> None:
+    """Add a command of the index to an app, or all that its module has where that has an app of its own."""
+    entry = INDEX[name]
+    module = import_module(f"surefoot.lab.{entry.module}")
+    if entry.function:
+        app.command(name)(getattr(module, entry.function))
+    else:
+        app.add_typer(module.app)
+
+
+def __getattr__(name: str) -> typer.Typer:
+    """Return the whole app as `app`, made at its first use."""
+    if name != "app":
+        raise AttributeError(name)
+    return globals().setdefault("app", whole())
 
 
 def _version(wanted: bool) -> None:
@@ -81,7 +87,6 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def common(
     debug: bool = typer.Option(False, "--debug", help="Show tracebacks of errors."),
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
@@ -100,7 +105,7 @@ def main(arguments: list[str] | None = None) -> None:
     words = sys.argv[1:] if arguments is None else arguments
     try:
         with compilation_reported(notify, COSTS.get(next(iter(words), ""), ())):
-            code = needed(app, words)(args=words, prog_name="surefoot", standalone_mode=False)
+            code = app_for(words)(args=words, prog_name="surefoot", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPT)
@@ -115,7 +120,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(fail(error))
 
 
-__all__ = ["EXIT_CHECK", "EXIT_INTERRUPT", "EXIT_USAGE", "app", "main"]
+__all__ = ["EXIT_CHECK", "EXIT_INTERRUPT", "EXIT_USAGE", "main"]
 
 if __name__ == "__main__":
     main()

@@ -22,16 +22,21 @@ def needed(app: typer.Typer, words: Sequence[str]) -> typer.Typer:
 
     Shell completion and unknown words get the whole app.
     """
-    place = next((number for number, word in enumerate(words) if not word.startswith("-")), None)
     if COMPLETING in os.environ:
         return app
-    return outline(app) if place is None else _named(app, words[place], words[place + 1 :]) or app
+    name = typed(words)
+    return outline(app) if name is None else _named(app, name, words[words.index(name) + 1 :]) or app
+
+
+def typed(words: Sequence[str]) -> str | None:
+    """Return the first word that is no option, the name of a command; None without one."""
+    return next((word for word in words if not word.startswith("-")), None)
 
 
 def outline(app: typer.Typer) -> typer.Typer:
     """Return a copy of an app whose commands keep name and help text but no options, enough for the help of a group."""
     commands = [
-        _changed(each, name=_command(each), callback=_nothing, help=each.help or inspect.getdoc(each.callback))
+        _changed(each, name=_command(each), callback=nothing, help=each.help or inspect.getdoc(each.callback))
         for each in app.registered_commands
     ]
     groups = [
@@ -91,5 +96,5 @@ def _changed(whole: Any, **fields: Any) -> Any:
     return part
 
 
-def _nothing() -> None:
-    pass
+def nothing() -> None:
+    """Do nothing, in place of a command whose name and help text alone are shown."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from surefoot.client import Client
     from surefoot.schemas.system import Health
 
-app = typer.Typer(help="Services of a running system: list, show.", no_args_is_help=True)
+app = typer.Typer(name="node", help="Services of a running system: list, show.", no_args_is_help=True)
 
 
 @app.command("list")

@@ -12,7 +12,7 @@ from .output import Connect, Json, Namespace, use_json, write_answer, write_json
 if TYPE_CHECKING:
     from surefoot.schemas.system import ConfigReply, ServiceParameter
 
-app = typer.Typer(help="Parameters of running services: list, get, set.", no_args_is_help=True)
+app = typer.Typer(name="param", help="Parameters of running services: list, get, set.", no_args_is_help=True)
 ServiceName = Annotated[str, typer.Argument(help="Name of a service.", autocompletion=services)]
 AnyService = Annotated[
     str | None, typer.Argument(help="Name of a service [all that run].", autocompletion=services, show_default=False)

@@ -23,7 +23,7 @@ from .output import (
 if TYPE_CHECKING:
     from surefoot.robot.description import Robot
 
-app = typer.Typer(help="Robot descriptions.", no_args_is_help=True)
+app = typer.Typer(name="robot", help="Robot descriptions.", no_args_is_help=True)
 Named = Annotated[str, typer.Argument(help="Name of a robot, or path of its folder.", autocompletion=robots)]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite that file.")]
 

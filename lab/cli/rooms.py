@@ -1,6 +1,5 @@
 """Commands that the subfolders of `lab`, and the papers, add to the command line, each by its own `commands.py`."""
 
-from collections.abc import Iterator
 from importlib import import_module
 
 import typer
@@ -11,14 +10,16 @@ INSTALL_PAPERS = "pip install ./papers"
 """Shell command that installs the optional `papers` package from a checkout of the repository."""
 
 
-def room_commands() -> Iterator[typer.Typer]:
-    """Yield the typer `app` of each `lab/*/commands.py`, then that of the `papers` package or a stand-in."""
-    for path in sorted(PACKAGE.glob("lab/*/commands.py")):
-        yield import_module(f"surefoot.lab.{path.parent.name}.commands").app
+def room_modules() -> list[str]:
+    """Return the modules below `surefoot.lab`, each with a typer `app`, that subfolders add to the command line."""
+    return [f"{path.parent.name}.commands" for path in sorted(PACKAGE.glob("lab/*/commands.py"))]
+
+
+def paper_commands() -> typer.Typer:
+    """Return the typer `app` of the `papers` package, or a stand-in if it is not installed."""
     if (PACKAGE / "papers" / "commands.py").is_file():
-        yield import_module("surefoot.papers.commands").app
-    else:
-        yield without_papers
+        return import_module("surefoot.papers.commands").app
+    return without_papers
 
 
 without_papers = typer.Typer()

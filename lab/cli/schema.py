@@ -12,7 +12,9 @@ from .output import Json, use_json, write_answer, write_json, write_table
 if TYPE_CHECKING:
     from surefoot.schemas.base import Wire
 
-app = typer.Typer(help="JSON Schemas of everything on the wire, and of hand-written files.", no_args_is_help=True)
+app = typer.Typer(
+    name="schema", help="JSON Schemas of everything on the wire, and of hand-written files.", no_args_is_help=True
+)
 FILES = ("robot", "scenario", "system", "imu", "camera", "depth-camera", "ranger")
 """Kinds of hand-written files that have a JSON Schema."""
 

@@ -23,7 +23,7 @@ from .output import (
     write_table,
 )
 
-app = typer.Typer(help="Queries the services answer: list, show, call.", no_args_is_help=True)
+app = typer.Typer(name="service", help="Queries the services answer: list, show, call.", no_args_is_help=True)
 Key = Annotated[str, typer.Argument(help="Key of a query, e.g. stability/check.", autocompletion=queries)]
 
 

@@ -8,7 +8,7 @@ from .connect import client
 from .negative import NumbersCommand
 from .output import EXIT_CHECK, Connect, Json, Namespace, use_json, write_answer
 
-app = typer.Typer(help="Simulated time: pause, step, disturb, begin anew.", no_args_is_help=True)
+app = typer.Typer(name="sim", help="Simulated time: pause, step, disturb, begin anew.", no_args_is_help=True)
 AtTick = Annotated[int | None, typer.Option(min=0, help="Control tick it happens in (reproducible) [the next].")]
 
 

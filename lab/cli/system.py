@@ -170,12 +170,15 @@ def status(
     json: Json = False,
 ) -> None:
     """Show the running systems and their health. Exit code 1: nothing runs, or a service is not healthy."""
-    from .status_of import status_of
-
     use_json(json)
     if system is not None:
         _check_known(Path(system).stem)
-    found = {folder.name: status_of(folder) for folder in _folders(system) if folder.held() or folder.orphans()}
+    found: dict[str, dict[str, Any]] = {}
+    for folder in _folders(system):
+        if folder.held() or folder.orphans():
+            from .status_of import status_of
+
+            found[folder.name] = status_of(folder)
     if json:
         write_json(found)
     elif not found:

@@ -45,7 +45,7 @@ HEADER = ("stamp_ns", "tick", "epoch", "seq", "source")
 SHOWN, LONGEST = 24, 200
 """`SHOWN`: most elements of a list, `LONGEST`: most characters of a text, in a readable line; the rest is cut off."""
 
-app = typer.Typer(help="Topics: list, show, echo, publish, measure.", no_args_is_help=True)
+app = typer.Typer(name="topic", help="Topics: list, show, echo, publish, measure.", no_args_is_help=True)
 Key = Annotated[str, typer.Argument(help="Key of a topic, e.g. state/velocity.", autocompletion=topics)]
 
 

@@ -1,5 +1,6 @@
 """The part of the command line that is built: one command, or outlines of all, as the whole shows them."""
 
+import os
 import subprocess
 import sys
 
@@ -36,6 +37,34 @@ def count(command):
 @pytest.mark.parametrize("words", sorted(places(WHOLE)), ids=" ".join)
 def test_help_is_that_of_the_whole(words):
     assert helped(needed(cli.app, [*words, "--help"]), words) == helped(WHOLE, words)
+
+
+@pytest.mark.parametrize("words", sorted(places(WHOLE)), ids=" ".join)
+def test_what_the_program_builds_helps_as_the_whole(words):
+    assert helped(cli.app_for([*words, "--help"]), words) == helped(WHOLE, words)
+
+
+@pytest.mark.parametrize("columns", [40, 63, 300])
+def test_the_index_has_the_help_texts_of_the_commands(columns, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert helped(cli.app_for(["--help"]), []) == helped(WHOLE, [])
+    assert list(typer.main.get_command(cli.app_for([])).commands) == list(WHOLE.commands)
+
+
+@pytest.mark.parametrize("words", [["--help"], ["status"], ["fit", "--help"]])
+def test_a_command_imports_no_other(words, tmp_path):
+    code = (
+        f"import sys; from surefoot.lab.cli.entry import main\ntry: main({words})\nexcept SystemExit: pass\n"
+        "import surefoot.lab.cli.index as index\n"
+        "loaded = [name for name, each in index.INDEX.items() if 'surefoot.lab.' + each.module in sys.modules]\n"
+        "print(*loaded, *[name for name in ('zenoh', 'numpy', 'surefoot.schemas') if name in sys.modules])"
+    )
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    others = {"up", "down", "status", "logs", "health", "supervise", "view", "fit"}  # one module; it has --view
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert loaded <= others
+    assert ("status" in loaded) == (words == ["status"])
 
 
 @pytest.mark.parametrize("words", [words for words in places(WHOLE) if words], ids=" ".join)
