@@ -144,12 +144,23 @@ class HeightMap:
             raise
 
     def inside(self, row: int, col: int) -> bool:
-        """Return True if the cell (row, col) belongs to the map."""
+        """Return True if the cell (row, col) belongs to the map (raises HeightMapError: no whole numbers)."""
+        self._check_cell(row, col)
         return 0 <= row < self.z.shape[0] and 0 <= col < self.z.shape[1]
 
     def centre(self, row: int, col: int) -> tuple[float, float]:
-        """Return x, y of the centre of cell (row, col), m, frame `map`; the cell may lie outside the map."""
+        """Return x, y of the centre of cell (row, col), m, frame `map`; the cell may lie outside the map.
+
+        Raises:
+            HeightMapError: row or col is no whole number.
+        """
+        self._check_cell(row, col)
         return (self.origin[0] + col * self.cell, self.origin[1] + row * self.cell)
+
+    def _check_cell(self, row: int, col: int) -> None:
+        if type(row) is not int or type(col) is not int:  # these two need no check, and most are such
+            self._argument(whole, row, "row")
+            self._argument(whole, col, "col")
 
     def xs(self) -> NDArray[np.float64]:
         """Return x of the columns' centres, (nx,) m, frame `map`."""

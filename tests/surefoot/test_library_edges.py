@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import surefoot
-from surefoot.errors import FieldError
+from surefoot.errors import FieldError, SurefootError
 from surefoot.robot import kinematics
 from surefoot.robot.reach import KNEE, why_missed
 
@@ -103,6 +103,7 @@ def test_maps_whose_names_have_a_dot_do_not_overwrite_each_other(tmp_path: Path)
 
 
 LEVEL: Any = surefoot.terrain.HeightMap(np.eye(5, dtype=np.float32), 0.1, (0.0, 0.0))
+FLOOR: Any = surefoot.navigation.FloorGrid(np.zeros((4, 5), dtype=np.int8), 0.1)
 THREE = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.0, 0.0]])
 UP = np.tile([0.0, 0.0, 1.0], (3, 1))
 
@@ -127,6 +128,14 @@ def hand_made(position: object = THREE, normal: object = UP, mu: object = (0.5, 
         (lambda: LEVEL.with_z("a"), "z", "got 'a', expected numbers in m"),
         (lambda: LEVEL.with_z(np.eye(5) * 1j), "z", "expected numbers in m"),
         (lambda: LEVEL.with_z(LEVEL.z, version=1.5), "version", "got 1.5, expected a whole number"),
+        (lambda: LEVEL.inside("a", 0), "row", "got 'a', expected a whole number"),
+        (lambda: LEVEL.inside(0, math.nan), "col", "got nan, expected a whole number"),
+        (lambda: LEVEL.centre(np.zeros(2), 0), "row", "expected a whole number"),
+        (lambda: LEVEL.centre(0, None), "col", "got None, expected a whole number"),
+        (lambda: FLOOR.inside(0.5, 0), "row", "got 0.5, expected a whole number"),
+        (lambda: FLOOR.inside(0, [0]), "col", "expected a whole number"),
+        (lambda: FLOOR.centre("a", 0), "row", "got 'a', expected a whole number"),
+        (lambda: FLOOR.centre(0, math.nan), "col", "got nan, expected a whole number"),
         (lambda: hand_made(normal=2.0 * UP), "where.normal", "got [0.0, 0.0, 2.0], expected a unit normal"),
         (lambda: hand_made(mu=(0.5, -0.5, 0.5)), "where.mu", "got -0.5 at [1], allowed is 0 to 10000, or inf"),
         (lambda: hand_made(mu=(0.5, math.nan, 0.5)), "where.mu", "got nan at [1]"),
@@ -142,6 +151,35 @@ def test_what_is_no_place_of_a_map_and_no_contact_is_refused_with_its_value(
         call()
     assert refused.value.field == field
     assert text in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "field", "text"),
+    [
+        (lambda: surefoot.navigation.Clearance(through_unknown="no"), "through_unknown", "got 'no', expected True or"),  # type: ignore[arg-type]
+        (lambda: surefoot.navigation.Clearance(through_unknown=math.nan), "through_unknown", "got nan"),  # type: ignore[arg-type]
+        (lambda: surefoot.navigation.Clearance(exact=[]), "exact", "got [], expected True or False"),  # type: ignore[arg-type]
+        (lambda: surefoot.navigation.FloorGrid(FLOOR.cells, 0.1, source=math.nan), "source", "got nan, expected a"),  # type: ignore[arg-type]
+        (lambda: surefoot.navigation.FloorGrid(FLOOR.cells, 0.1, source=b"x"), "source", "expected a text"),  # type: ignore[arg-type]
+        (lambda: FLOOR.from_bytes(b"\0", "1", 1, 0.1, (0, 0)), "rows", "got '1', expected a whole number"),
+        (lambda: FLOOR.from_bytes(b"\0", 1, math.nan, 0.1, (0, 0)), "cols", "got nan, expected a whole number"),
+        (lambda: FLOOR.from_bytes("x", 1, 1, 0.1, (0, 0)), "data", "got 'x', expected bytes"),
+    ],
+)  # fmt: skip
+def test_what_is_no_flag_and_no_text_of_a_map_is_refused(call: Callable[[], object], field: str, text: str) -> None:
+    with pytest.raises(SurefootError) as refused:
+        call()
+    assert refused.value.field == field
+    assert text in str(refused.value)
+
+
+def test_cells_of_numpy_are_cells_and_an_origin_is_kept_as_numbers() -> None:
+    row, col = np.argwhere(LEVEL.z == 1.0)[2]
+    assert LEVEL.inside(row, col)
+    assert LEVEL.centre(row, col) == LEVEL.centre(2, 2)
+    assert not FLOOR.inside(np.int64(4), np.int64(0))
+    assert FLOOR.centre(np.int64(1), np.int64(2)) == FLOOR.centre(1, 2)
+    assert surefoot.navigation.FloorGrid(FLOOR.cells, 0.1, np.ones(2)).origin == (1.0, 1.0)  # type: ignore[arg-type]
 
 
 def test_places_far_outside_of_a_map_are_allowed() -> None:

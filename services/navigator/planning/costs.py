@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from surefoot.arguments import number, whole
+from surefoot.arguments import flag, number, whole
 from surefoot.arrays import Array, Flags
 from surefoot.errors import FieldError, Refusal
 from surefoot.kernels.jit import row_kernel
@@ -61,6 +61,8 @@ class Clearance:
             number(self.comfort, "comfort", "m", low=radius, high=FARTHEST_CLEARANCE)
             number(self.dearest, "dearest", low=1.0, high=HEAVIEST / UNIT)
             whole(self.obstacle, "obstacle", "%", low=1, high=100)
+            flag(self.through_unknown, "through_unknown")
+            flag(self.exact, "exact")
         except FieldError as error:
             raise Refusal("bad_clearance", str(error), error.field) from None
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.arguments import array, number
+from surefoot.arguments import array, instance, number, shown, whole
 from surefoot.errors import FieldError, Refusal
 from surefoot.geometry.heightmap import MAX_CELLS, SMALLEST_CELL, HeightMap
 
@@ -48,7 +48,8 @@ class FloorGrid:
             if getattr(given, "dtype", None) != np.int8:
                 array(given, "cells", ("rows", "cols"), low=UNKNOWN, high=OCCUPIED)
             number(self.cell, "cell", "m", low=SMALLEST_CELL, high=LARGEST_CELL)
-            array(self.origin, "origin", (2,), "m")
+            x, y = array(self.origin, "origin", (2,), "m").tolist()
+            instance(self.source, "source", str, "a text")
         except FieldError as error:
             raise GridError("bad_grid", str(error), error.field) from None
         cells = np.array(given, dtype=np.int8, order="C", copy=True)
@@ -60,6 +61,7 @@ class FloorGrid:
             raise GridError("bad_grid", f"cells: got {low} to {high}, allowed are -1 (unknown), 0 to 100", "cells")
         cells.flags.writeable = False
         object.__setattr__(self, "cells", cells)
+        object.__setattr__(self, "origin", (x, y))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -87,11 +89,13 @@ class FloorGrid:
             raise
 
     def inside(self, row: int, col: int) -> bool:
-        """Return True if a cell (row, col) lies inside the grid."""
+        """Return True if a cell (row, col) lies inside the grid (raises FieldError: no whole numbers)."""
+        _check_cell(row, col)
         return 0 <= row < self.cells.shape[0] and 0 <= col < self.cells.shape[1]
 
     def centre(self, row: int, col: int) -> tuple[float, float]:
-        """Return x, y of the centre of a cell, m, frame map."""
+        """Return x, y of the centre of a cell, m, frame map (raises FieldError: no whole numbers)."""
+        _check_cell(row, col)
         return (self.origin[0] + (col + 0.5) * self.cell, self.origin[1] + (row + 0.5) * self.cell)
 
     def to_bytes(self) -> bytes:
@@ -115,9 +119,21 @@ class FloorGrid:
         Raises:
             GridError: too few bytes or too many, or values that are no grid.
         """
+        if not isinstance(data, bytes | bytearray | memoryview):
+            raise GridError("bad_grid", f"data: got {shown(data)}, expected bytes", "data")
+        try:
+            rows, cols = whole(rows, "rows"), whole(cols, "cols")
+        except FieldError as error:
+            raise GridError("bad_grid", str(error), error.field) from None
         if rows < 1 or cols < 1 or len(data) != rows * cols:
             raise GridError("bad_grid", f"{rows} x {cols} cells need {rows * cols} bytes, got {len(data)}", "data")
         return cls(np.frombuffer(data, dtype=np.int8).reshape(rows, cols), cell, origin, source)
+
+
+def _check_cell(row: int, col: int) -> None:
+    if type(row) is not int or type(col) is not int:  # these two need no check, and most are such
+        whole(row, "row")
+        whole(col, "col")
 
 
 def grid_of(ground: HeightMap) -> FloorGrid:

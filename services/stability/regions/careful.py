@@ -33,6 +33,7 @@ from ..programs.interior import FAILED, NO_DUAL, NO_PRIMAL, SOLVED
 from ..programs.lanes import LANES
 from ..programs.reduced import CONE, THIN, Reduced, Subspace
 from ..programs.reference import Reference
+from .line import line_region
 from .model import Region, Solved, Support, SupportStatus
 
 STATUS: dict[int, SupportStatus] = {SOLVED: "ok", NO_DUAL: "unbounded", NO_PRIMAL: "infeasible"}
@@ -209,9 +210,10 @@ def careful(
         everything = oracle.support(fan, np.arange(count))
         found = everything.point[np.array([s == "ok" for s in everything.status])]
         solved = Solved(r, fan, count, oracle.anchor, None if oracle.subspace is None else oracle.subspace.drift)
-        return Region(
+        region = Region(
             contacts, "unbounded", hull(found), np.empty((0, 2)), support, math.nan, False, count, None, solved
         )
+        return region if oracle.subspace is None else _on_line(oracle, region, first[skip:])
     if not has_area:
         ends = _ends(oracle, fan, count)
         if ends is not None:
@@ -248,6 +250,17 @@ def _ends(oracle: Oracle, fan: Fan, count: int) -> Array | None:
     probe = oracle.fan(along(line), 4)
     kind, ends = flat_ends(probe)
     return ends if kind != WIDE else None
+
+
+def _on_line(oracle: Oracle, region: Region, direction: Array) -> Region:
+    """Return the region of contacts on one line with support values in unit directions (k, 2), else `region`."""
+    found, line = line_of(oracle.contacts.position)
+    if not found or not np.isinf(oracle.contacts.mu).any():
+        return region
+    ends = oracle.support(oracle.fan(along(line)[:2], 2), np.arange(2))
+    some = oracle.fan(np.zeros((1, 2)), 1)
+    place = oracle.anchor + oracle.reduced.length * some.point[0]
+    return line_region(region, ends, (place, oracle.forces(some.force[0], 1.0)), direction)
 
 
 def few(contacts: ContactSet, direction: Array) -> Region:

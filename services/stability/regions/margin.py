@@ -17,6 +17,7 @@ from ..programs.interior import NO_DUAL, NO_PRIMAL, SOLVED
 from ..programs.reference import nearest_border, solve_one
 from .careful import FLAT
 from .joint import apart, farthest
+from .line import along_flat, along_line, from_line
 from .model import Region, Solved
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
@@ -61,6 +62,8 @@ def margin(region: Region, point: Array) -> Margin:
     """
     if region.status == "infeasible":
         return Margin(None)
+    if region.line is not None:
+        return Margin(from_line(region.line, point))
     if region.status == "unbounded":
         value = _to_the_edge(region, point)
         return Margin(value if math.isfinite(value) else None)
@@ -186,8 +189,15 @@ def extent(region: Region, point: Array, direction: Array) -> Extent:
     """
     if region.status == "infeasible":
         return Extent(None, "infeasible")
+    if region.line is not None:
+        end = along_line(region.line, point, direction)
+        if end is None:
+            return Extent(None, "missed")
+        return Extent(None, "unbounded") if math.isinf(end) else Extent(end, "ok")
     if (s := region.solved) is None:
         _, t = ray(region.inner, float(point[0]), float(point[1]), float(direction[0]), float(direction[1]))
+        if len(region.inner) in (1, 2):
+            t = along_flat(region.inner, point, direction, t)
         return Extent(None, "missed") if math.isnan(t) else Extent(float(t), "ok")
     if (plane := s.plane) is None:
         return _edge(s, point, direction)

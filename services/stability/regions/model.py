@@ -1,7 +1,7 @@
 """Answers about regions: status, polygons, support values with proof."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -95,6 +95,19 @@ class Solved:
         return Solved(reduced, fan, count, product(matrix, self.anchor) + self.plane.zero)
 
 
+class Line(NamedTuple):
+    """Part of a horizontal line: places origin + t direction with low <= t <= high."""
+
+    origin: Array
+    """Point of the line, (2,) m."""
+    direction: Array
+    """Unit vector along the line, (2,), no unit."""
+    low: float
+    """Least t, m; -inf = no end."""
+    high: float
+    """Largest t, m; inf = no end."""
+
+
 @dataclass(frozen=True, slots=True)
 class Region:
     """Places of the centre of mass at which the contacts hold the robot: polygons and support values."""
@@ -120,6 +133,8 @@ class Region:
     with an acceleration."""
     solved: Solved | None = None
     """Cone programs and fan, for margins and extents; None for a region that is exact or empty."""
+    line: Line | None = None
+    """Region without bounds of contacts on one line; None: any other region."""
 
     @property
     def area(self) -> float:
