@@ -197,11 +197,14 @@ def _ground(ground: DrawnGround) -> dict[str, Any]:
 
 def frame(shown: Snapshot) -> dict[str, Any]:
     """Return a snapshot as the JSON object that a page draws."""
+    places = [shown.position[None], shown.points, *(item.points for item in shown.items)]
+    numbers, ends = _whole(np.concatenate(places)), np.cumsum([3 * len(each) for each in places]).tolist()
+    base, points, *items = (numbers[begin:end] for begin, end in zip([0, *ends], ends, strict=False))
     return {
         "t": round(shown.time, 3),
-        "base": _whole(shown.position),
-        "points": _whole(shown.points),
-        "items": [encoded(item) for item in shown.items],
+        "base": base,
+        "points": points,
+        "items": [_coded(item, place) for item, place in zip(shown.items, items, strict=True)],
         "values": [None if (v := shown.values.get(name)) is None else round(v, 4) for name in VALUES],
         "text": shown.text,
         **({"fallen": True} if shown.fallen else {}),
@@ -215,7 +218,12 @@ def mark(each: Lasting) -> list[Any]:
 
 def encoded(item: Item) -> list[Any]:
     """Return an item as the number of its style, the coordinates of its points, and the text of a label."""
-    return [STYLE_NUMBERS[item.style], *_whole(item.points), *([item.text] if item.text else [])]
+    return _coded(item, _whole(item.points))
+
+
+def _coded(item: Item, numbers: list[int]) -> list[Any]:
+    """Return an item as in `encoded`; numbers: coordinates of its points in units of a page, one after the other."""
+    return [STYLE_NUMBERS[item.style], *numbers, *([item.text] if item.text else [])]
 
 
 def _whole(metres: Any) -> list[int]:
