@@ -266,10 +266,8 @@ class RobotScene:
         height = float(np.mean([foot[2] for foot in stands])) - float(self.robot.foot_radius)
 
         def lifted(places: Any, z: float = height) -> Array:
-            flat = np.array(places, dtype=float).reshape(-1, 2) @ turn.T
-            found = np.empty((len(flat), 3))
-            found[:, :2], found[:, 2] = position[:2] + flat, z
-            return found
+            flat = position[:2] + np.array(places, dtype=float).reshape(-1, 2) @ turn.T
+            return np.column_stack((flat, np.full(len(flat), z)))
 
         items: list[Item] = []
         if len(m.region) > 2:

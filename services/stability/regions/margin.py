@@ -17,12 +17,11 @@ from ..programs.interior import NO_DUAL, NO_PRIMAL, SOLVED
 from ..programs.reference import nearest_border, solve_one
 from .careful import FLAT
 from .joint import apart, farthest
-from .line import along_flat, along_line, from_line
+from .line import TOUCHING, along_flat, along_line, from_line
 from .model import Region, Solved
 
 ExtentStatus = Literal["ok", "unbounded", "infeasible", "missed"]
 
-TOUCHING = 1e-9  # m; nearer to a region without bounds than that is inside
 RAYS = 16  # directions in which the edge of a region without bounds is searched first
 MOST_RAYS = 400
 NARROW = 1e-7  # rad, a smaller angle between two rays is not divided
