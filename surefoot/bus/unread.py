@@ -21,6 +21,7 @@ from typing import NamedTuple
 import zenoh
 
 _TAKEN_AT = 120  # of tcpi_bytes_acked in the kernel's struct tcp_info, whose fields keep their places
+_RECEIVED_AT = 128  # of tcpi_bytes_received
 _TCP_INFO_BYTES = 192
 FRESH_S = 0.2
 """Largest age of the byte counters of all connections at which they are reused instead of read again, s."""
@@ -32,10 +33,12 @@ class Connection(NamedTuple):
     Attributes:
         waiting: bytes that the other end has not taken.
         taken: bytes that it has taken so far.
+        received: bytes that came from it so far.
     """
 
     waiting: int
     taken: int
+    received: int = 0
 
 
 class LinkTrouble(NamedTuple):
@@ -44,7 +47,8 @@ class LinkTrouble(NamedTuple):
     Attributes:
         reason: `unread` the peer reads nothing, `unlinked` it is alive but has no link to this process, `late`
             messages of a process come after later ones, `forged` messages in the name of a process lack its seal,
-            `foreign_token` liveliness tokens are shown under a name of no service.
+            `foreign_token` liveliness tokens are shown under a name of no service, `too_large` messages are larger than
+            any legal one of their key, `heavy` a client sends more at a stretch than the largest message.
         text: message for the log.
         peer: name of its session; of late and forged messages their key, of tokens their name.
         number: number by which it counts.
@@ -77,7 +81,7 @@ class _Counters:
             return self._found
 
 
-_COUNTERS = _Counters()
+COUNTERS = _Counters()
 
 
 class Unread:
@@ -88,7 +92,7 @@ class Unread:
         counters: returns the byte counters by address of the other end.
     """
 
-    def __init__(self, session: zenoh.Session, counters: Callable[[], dict[str, Connection]] = _COUNTERS.read) -> None:
+    def __init__(self, session: zenoh.Session, counters: Callable[[], dict[str, Connection]] = COUNTERS.read) -> None:
         self._session, self._counters = session, counters
         self._before: dict[str, Connection] = {}
 
@@ -128,4 +132,5 @@ def connections() -> Iterator[tuple[str, Connection]]:
                 finally:
                     one.detach()  # the descriptor is the network library's
                 (taken,) = struct.unpack_from("Q", info, _TAKEN_AT)
-                yield (f"[{host}]:{port}" if ":" in host else f"{host}:{port}"), Connection(waiting, taken)
+                (received,) = struct.unpack_from("Q", info, _RECEIVED_AT)
+                yield (f"[{host}]:{port}" if ":" in host else f"{host}:{port}"), Connection(waiting, taken, received)

@@ -16,9 +16,9 @@ from zenoh.handlers import Callback, RingChannel
 from surefoot.bus.asking import TOKENS_S, Asking, plain_attachment
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import without_source
-from surefoot.bus.frame import Frame
-from surefoot.bus.guard import Guard, Sealed
-from surefoot.bus.interface import Delivery, Incoming, Life, Raw
+from surefoot.bus.guard import Guard
+from surefoot.bus.heavy import Heavy
+from surefoot.bus.interface import Delivery, Incoming, Life
 from surefoot.bus.mesh import INTRODUCE_S, ROUTER_S, Mesh, linked_to, tokens_of_any
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
 from surefoot.bus.options import ZenohOptions as ZenohOptions
@@ -26,14 +26,16 @@ from surefoot.bus.options import client_options as client_options
 from surefoot.bus.options import reading_threads, why_not_open, zenoh_config
 from surefoot.bus.pour import MOST_HZ, keep_thread_state, pour, unless_none
 from surefoot.bus.publish import BATCH, FRAME, FramedPublisher, Framer, ZenohPublisher, apart, participants_key
+from surefoot.bus.receive import Receiving
 from surefoot.bus.replies import WAITING, Replies
-from surefoot.bus.seals import ASKED, Asked, as_digits, born_ms, sealed_name, without_seal
+from surefoot.bus.seals import ASKED, Asked, as_digits, born_ms, sealed_name
 from surefoot.bus.tokens import LIVE, STARTS, Tokens
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
+from surefoot.heap import hand_back_growth
 from surefoot.schemas.base import ErrorReply, Request, Wire
 from surefoot.schemas.rows import M, Rep, Req
-from surefoot.schemas.topics import Kind, Query, Topic
+from surefoot.schemas.topics import Query, Topic
 
 KEEP = 10_000
 """Largest number of messages of a key that wait for an observer, e.g. a recorder; the oldest are dropped."""
@@ -135,6 +137,8 @@ class ZenohBus:
         self._asking = Asking(self.session, endpoint.namespace, endpoint.secret)
         self._unread = Unread(self.session)
         self._guard = Guard(endpoint.secret)
+        self._receiving = Receiving(self._guard, endpoint.secret)
+        self._heavy = Heavy(self.session) if endpoint.mode == "router" else None
         self._reported: Counter[tuple[str, str]] = Counter()
         """Refused answers at the last look at the links, by key and process."""
         self._framers: dict[str, Framer] = {}
@@ -177,8 +181,9 @@ class ZenohBus:
         keep, most_hz = (BOUNDED_KEEP, MOST_HZ) if bounded else (KEEP, 0.0)
         key = participants_key(topic, "*") if bounded and apart(topic) else topic.key
         subscriber = self.session.declare_subscriber(key, RingChannel(keep))
-        make = partial(_guarded, self._guard, topic) if bounded and apart(topic) else partial(_delivery, topic)
-        thread = pour(subscriber.handler, make, unless_none(sink), most_hz=most_hz)
+        of_services = self._receiving.guarded if apart(topic) else self._receiving.seen
+        make = of_services if bounded else self._receiving.observed
+        thread = pour(subscriber.handler, partial(make, topic), unless_none(sink), most_hz=most_hz)
         self._keep.append(subscriber)
         self._pours.append(thread)
 
@@ -201,7 +206,7 @@ class ZenohBus:
 
         def look() -> Delivery | None:
             sample = subscriber.handler.try_recv()
-            return None if sample is None else _delivery(topic, sample)
+            return None if sample is None else self._receiving.observed(topic, sample)
 
         return look
 
@@ -213,11 +218,11 @@ class ZenohBus:
             if topic.framed:
                 owners.setdefault(topic.owner, {})[topic.key] = topic
             else:
-                handler = Callback(_delivery_sink(self._guard, topic, sink), indirect=True)
+                handler = Callback(self._receiving.to_messages(topic, sink), indirect=True)
                 self._keep.append(self.session.declare_subscriber(participants_key(topic, "*"), handler))
         for owner, wanted in owners.items():
             key = family.format(owner)
-            handler = Callback(_frame_sink(owner, wanted, sink, (self.endpoint.secret, key)), indirect=False)
+            handler = Callback(self._receiving.to_frames(owner, key, wanted, sink), indirect=False)
             self._keep.append(self.session.declare_subscriber(key, handler))
 
     def serve(
@@ -282,8 +287,10 @@ class ZenohBus:
 
     def look_at_links(self) -> list[LinkTrouble]:
         lost = self._mesh.look() if self.endpoint.mode == "peer" else []
-        strange = (*self._guard.troubles(), *self._tokens.troubles())
-        return [*self._unread.look(), *lost, *strange, *self._refused_answers()]
+        strange = (*self._guard.troubles(), *self._tokens.troubles(), *self._receiving.troubles())
+        heavy = [] if self._heavy is None else self._heavy.look()
+        hand_back_growth()
+        return [*self._unread.look(), *heavy, *lost, *strange, *self._refused_answers()]
 
     def _refused_answers(self) -> list[LinkTrouble]:
         """Return the answers to queries of this process that were refused since the last call, by key and process."""
@@ -332,50 +339,6 @@ class ZenohBus:
         for thread in self._pours:  # one that is still in the network library when the interpreter ends aborts it
             if thread is not threading.current_thread():
                 thread.join(CLOSE_S)
-
-
-def _delivery(topic: Topic[Any], sample: zenoh.Sample) -> Delivery:
-    attachment = sample.attachment
-    return Delivery(topic, None, _raw(topic, sample, None if attachment is None else attachment.to_bytes()))
-
-
-def _raw(topic: Topic[Any], sample: zenoh.Sample, attachment: bytes | None) -> Raw:
-    encoding = sample.encoding
-    named = "" if encoding == encoding_of(topic.model) else str(encoding)
-    return Raw(sample.payload.to_bytes(), attachment, named)
-
-
-def _guarded(guard: Guard, topic: Topic[Any], sample: zenoh.Sample) -> Delivery | None:
-    """Return a received message for participants; None if it lacks the seal that messages of its service need."""
-    sealed, key = sample.attachment, str(sample.key_expr)
-    attachment, number, seal = without_seal(None if sealed is None else sealed.to_bytes())
-    raw, last = _raw(topic, sample, attachment), key.rpartition("/")[2]
-    owner = last if topic.owner == "*" else topic.owner
-    if topic.owner == "*" and not guard.owns(key, last, raw.payload):
-        return None
-    if not guard.passes(owner, Sealed(key, raw.payload, attachment, number, seal)):
-        return None
-    return Delivery(topic, None, raw, None, last if topic.kind is Kind.LATCHED else "")
-
-
-def _delivery_sink(guard: Guard, topic: Topic[Any], sink: Callable[[Any], Any]) -> Callable[[zenoh.Sample], None]:
-    def on_sample(sample: zenoh.Sample) -> None:
-        delivery = _guarded(guard, topic, sample)
-        if delivery is not None:
-            sink(delivery)
-
-    return on_sample
-
-
-def _frame_sink(
-    owner: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], Any], seal: tuple[str, str]
-) -> Callable[[zenoh.Sample], None]:
-    def on_sample(sample: zenoh.Sample) -> None:
-        keep_thread_state()
-        index = sample.attachment
-        sink(Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes(), *seal))
-
-    return on_sample
 
 
 def _from_stranger(replies: Replies, query: Query[Any, Any], secret: str, asked: zenoh.Query) -> ZenohIncoming:

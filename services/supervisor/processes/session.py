@@ -38,6 +38,7 @@ from .rundir import ROW, Endpoint, RunFolder
 from .status import health_row, time_row
 from .still import Still
 from .system import SELF, System
+from .visible import Visible
 
 STEP_S = 0.05  # s, how often the main thread looks at the processes, and at once when one has ended
 
@@ -89,7 +90,7 @@ class Session:
         self._bus: ZenohBus | None = None
         self._node: Node | None = None
         self._thread: threading.Thread | None = None
-        self._alive: dict[str, dict[str, None]] = {}  # service: its visible processes, the first to appear first
+        self._visible = Visible()
         self._driving = ""  # the process that drives, or drove last
         self._before: SimStatus | None = None  # the last report of the driver before it, not true of this one
         self._stop = ""  # the emergency stop in force when that one went, not yet confirmed by this one
@@ -171,17 +172,8 @@ class Session:
     # -- what happens -------------------------------------------------------------------------------------------------
 
     def _on_life(self, life: Life) -> None:
-        visible = self._alive.get(life.service, {})
-        if life.alive:
-            visible[life.instance] = None
-            self._alive[life.service] = visible
-        else:
-            visible.pop(life.instance, None)
-            if not visible:
-                self._alive.pop(life.service, None)
-        self.system.seen(life.service, visible=bool(visible))
-        if life.service == DRIVER or life.instance in self._alive.get(DRIVER, {}):
-            self._note_driver()
+        self.system.seen(life.service, visible=self._visible.note(life))
+        self._note_driver()
 
     def _note_driver(self) -> None:
         """Take over the emergency stop of the driver before, when another process drives.
@@ -206,21 +198,15 @@ class Session:
         driver = self.driver
         return tuple(name for name in (*self.system.service_names, SELF) if name != driver)
 
-    def _seen(self) -> dict[str, tuple[str, ...]]:
-        """Return the visible processes of each service, the first to appear first; the bus changes them meanwhile."""
-        return {service: tuple(seen) for service, seen in tuple(self._alive.items())}
-
     @property
     def driver(self) -> str:
         """Name of the service that drives the ticks, which is visible as `driver` too; empty while there is none."""
-        alive = self._seen()
-        driving = alive.pop(DRIVER, ())
-        return next((name for name, found in alive.items() if any(one in driving for one in found)), "")
+        return self._visible.driver
 
     @property
     def alive(self) -> tuple[str, ...]:
         """Services that are visible on the bus."""
-        return tuple(sorted(name for name in dict(self._alive) if name != DRIVER))
+        return self._visible.services
 
     def heard(self, service: str, pid: int, *, well: bool) -> None:
         """Record a heartbeat of a service's process; `well`: it is ready for work."""
@@ -261,13 +247,7 @@ class Session:
 
     def instance_of(self, service: str) -> str:
         """Return the identity of a visible service's process, empty when it is not visible."""
-        alive = self._seen()
-        found = alive.get(service, ())
-        driving = alive.get(DRIVER, ())
-        if service == DRIVER:  # a token alone makes no driver: one of our services shows the same instance
-            others = {one for name, known in alive.items() if name != DRIVER for one in known}
-            found = tuple(one for one in driving if one in others)
-        return next((one for one in found if one in driving), next(iter(found), ""))
+        return self._visible.instance_of(service)
 
     def step(self) -> None:
         """Check the processes once; restart, end or report them where needed.
