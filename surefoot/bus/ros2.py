@@ -29,6 +29,9 @@ QOS = "::,10:,:,:,,"
 LEAK_NS = TICK_NS // 10_000
 """Growth per tick of the estimated offset between wall time and the robot's time, ns: 100 ppm, the largest drift of
 clocks."""
+JUMP_NS, FIRM_TICKS = 100_000_000, 100
+"""`JUMP_NS`: growth of the offset between wall time and the robot's time that no busy machine causes for long, ns;
+`FIRM_TICKS`: number of ticks after which it is taken over."""
 GRID_MAP = {
     "grid_map_msgs/msg/GridMapInfo": (
         "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose\n"
@@ -89,15 +92,26 @@ def _dds(kind: str) -> str:
 
 
 class WallOffset:
-    """Estimate of wall time minus the time of a run: the least difference so far, which grows by 100 ppm for drift."""
+    """Estimate of wall time minus the time of a run: the least difference so far, which grows by 100 ppm for drift.
+
+    A difference that is larger by `JUMP_NS` in all ticks of one of its periods of `FIRM_TICKS` is taken over: the wall
+    clock was set forward, or the run was paused. A clock that was set back counts at once.
+    """
 
     def __init__(self) -> None:
         self._offset_ns: int | None = None
+        self._least_ns, self._ticks = 0, 0
 
     def measure(self, stamp_ns: int) -> int:
         """Update the offset with the wall clock in a tick of stamp `stamp_ns`, and return it, ns; call once a tick."""
         now = time.time_ns() - stamp_ns
         self._offset_ns = now if self._offset_ns is None else min(now, self._offset_ns + LEAK_NS)
+        self._least_ns = min(now, self._least_ns) if self._ticks else now
+        self._ticks += 1
+        if self._ticks == FIRM_TICKS:
+            self._ticks = 0
+            if self._least_ns > self._offset_ns + JUMP_NS:
+                self._offset_ns = self._least_ns
         return self._offset_ns
 
 
