@@ -75,6 +75,15 @@ class Hosts:
             run_ip("link", "set", self._link(number), "up")
 
     @contextmanager
+    def silent(self, number: int) -> Iterator[None]:
+        """Let all frames from and to a host vanish, while its link and all its connections seem to stand."""
+        run_ip("link", "set", self._link(number), "nomaster")
+        try:
+            yield
+        finally:
+            run_ip("link", "set", self._link(number), "master", self.bridge)
+
+    @contextmanager
     def bad_link(self, number: int, *words: str) -> Iterator[Counter[str]]:
         """Put a relay that delays, loses and doubles frames between a host and all others.
 

@@ -130,6 +130,11 @@ def test_a_partition_changes_nothing(spread: Spread, number: int, seconds: float
     walk_while(spread, spread.hosts.cut(number), seconds)
 
 
+@pytest.mark.parametrize(("number", "seconds"), [(1, 5.0), (0, 2.0)])
+def test_connections_that_stand_and_carry_nothing_change_nothing(spread: Spread, number: int, seconds: float) -> None:
+    walk_while(spread, spread.hosts.silent(number), seconds)
+
+
 @pytest.mark.parametrize(
     "words", [("--delay", "0.002", "--loss", "0.01"), ("--jitter", "0.002", "--double", "0.05", "--loss", "0.005")]
 )
