@@ -55,11 +55,14 @@ class Foreign:
     Args:
         known: names of the services of the system, and others whose tokens are all passed on.
         counts: counter of the tokens under other names that came, by name.
+        ours: names of services that somebody may start by hand; one visible process of each is not counted.
     """
 
-    def __init__(self, known: Iterable[str], counts: Counter[str]) -> None:
-        self._known, self._counts = frozenset(known), counts
+    def __init__(self, known: Iterable[str], counts: Counter[str], ours: Iterable[str] = ()) -> None:
+        self._known, self._counts, self._ours = frozenset(known), counts, frozenset(ours)
         self._passed = set[tuple[str, str]]()
+        self._by_hand: dict[str, str] = {}
+        """Process of each service started by hand that is visible, by service."""
 
     def passes(self, life: Life) -> bool:
         """Return whether a notice is passed on: of a known name, or of one of the first `MOST_FOREIGN` other tokens."""
@@ -69,7 +72,13 @@ class Foreign:
         if not life.alive:
             passed = place in self._passed
             self._passed.discard(place)
+            if self._by_hand.get(life.service) == life.instance:
+                del self._by_hand[life.service]
             return passed
+        if len(self._passed) < MOST_FOREIGN and life.service in self._ours:
+            if self._by_hand.setdefault(life.service, life.instance) == life.instance:
+                self._passed.add(place)
+                return True
         name = life.service[:MAX_SHOWN]
         self._counts[name if name in self._counts or len(self._counts) < MOST_NAMED else ""] += 1
         if len(self._passed) >= MOST_FOREIGN:
@@ -114,7 +123,7 @@ class Tokens:
             self._subscribe("*", sink, indirect=True)
         else:
             counts = Counter[str]() if self._keep else self._foreign  # once, however many watch
-            foreign = Foreign((*self._services, *names, DRIVER), counts)
+            foreign = Foreign((*self._services, *names, DRIVER), counts, _owners())
             self._subscribe("*", lambda life: sink(life) if foreign.passes(life) else None, indirect=True)
 
     def troubles(self) -> list[LinkTrouble]:

@@ -104,6 +104,23 @@ def test_a_session_that_knows_no_services_sees_all(system: Net) -> None:
     wait_until(lambda: seen == {("zz", "1")})
 
 
+def test_one_process_of_a_service_that_somebody_starts_by_hand_is_not_foreign(system: Net) -> None:
+    router = watched(system.router)
+    hand, again, stranger = (system.open("peer") for _ in range(3))
+    hand.announce("mapper", "1")
+    wait_until(lambda: ("mapper", "1") in router)
+    assert not strange(system.router)
+    hand.close()
+    wait_until(lambda: not router)
+    again.announce("mapper", "2")
+    wait_until(lambda: ("mapper", "2") in router)
+    assert not strange(system.router)
+    for name in ("mapper", "zz"):
+        stranger.announce(name, "3")
+        wait_until(lambda name=name: (name, "3") in router)
+        assert strange(system.router) == [(name, 1)]
+
+
 @given(st.lists(st.tuples(st.integers(0, 3 * MOST_FOREIGN), st.booleans()), max_size=600))
 def test_few_strange_tokens_are_passed_on_and_each_that_was_is_passed_on_when_it_goes(
     events: list[tuple[int, bool]],
