@@ -75,10 +75,10 @@ class Foreign:
             if self._by_hand.get(life.service) == life.instance:
                 del self._by_hand[life.service]
             return passed
-        if len(self._passed) < MOST_FOREIGN and life.service in self._ours:
-            if self._by_hand.setdefault(life.service, life.instance) == life.instance:
-                self._passed.add(place)
-                return True
+        few = len(self._passed) < MOST_FOREIGN and life.service in self._ours
+        if few and self._by_hand.setdefault(life.service, life.instance) == life.instance:
+            self._passed.add(place)
+            return True
         name = life.service[:MAX_SHOWN]
         self._counts[name if name in self._counts or len(self._counts) < MOST_NAMED else ""] += 1
         if len(self._passed) >= MOST_FOREIGN:
