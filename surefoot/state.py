@@ -10,10 +10,22 @@ ENDPOINT, SECRET = "endpoint.json", "secret.json"
 run folder that holds the secret of the system."""
 
 
+NO_HOME = Path("/nonexistent")
+"""Home folder of a user that has none; the file system hierarchy of Debian knows it by this name."""
+
+
+def user_home() -> Path:
+    """Return the home folder of this user; `NO_HOME` without one, as of a container's user that HOME does not name."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return NO_HOME
+
+
 def state_home() -> Path:
     """Return the state folder of this user, which holds the run folders of all systems."""
     base = os.environ.get("XDG_STATE_HOME", "")
-    return (Path(base) if os.path.isabs(base) else Path.home() / ".local" / "state") / "surefoot"
+    return (Path(base) if os.path.isabs(base) else user_home() / ".local" / "state") / "surefoot"
 
 
 def secret_of(connect: str, namespace: str) -> str:

@@ -27,6 +27,7 @@ from surefoot.kernels.processor import processor
 from surefoot.services.supervisor.processes.compose import Compose, ComposeError, load_compose
 from surefoot.services.supervisor.processes.ports import refuse_taken
 from surefoot.services.supervisor.processes.process import busy_s
+from surefoot.state import user_home
 
 from .progress import Progress
 
@@ -348,7 +349,7 @@ def _main() -> None:
 
 def _stamps() -> Path:
     base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "surefoot" / "warm"
+    return (Path(base) if os.path.isabs(base) else user_home() / ".cache") / "surefoot" / "warm"
 
 
 if __name__ == "__main__":

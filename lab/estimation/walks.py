@@ -13,6 +13,7 @@ from surefoot.errors import SurefootError
 from surefoot.record.columns import Columns, recorded_columns
 from surefoot.robot.reader import load_robot
 from surefoot.services.supervisor.scenarios.scenario import Scenario, find_scenario, load_scenario
+from surefoot.state import user_home
 
 from ..runs.local import run_local
 from .log import Log
@@ -42,7 +43,7 @@ class RecordedWalk:
 def cache_folder() -> Path:
     """Return the folder of recorded walks in the user's cache; all of them can be made again."""
     base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "surefoot" / "estimation"
+    return (Path(base) if os.path.isabs(base) else user_home() / ".cache") / "surefoot" / "estimation"
 
 
 def walk(name: str, seed: int, fresh: bool = False) -> RecordedWalk:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from surefoot.errors import ConfigError
+from surefoot.state import user_home
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 SETTINGS = ".json"
@@ -84,7 +85,7 @@ def any_port(secure: bool) -> str:
 def security_folder(namespace: str) -> Path:
     """Return the folder of a robot's certificates and settings: below SUREFOOT_SECURITY or the user's configuration."""
     given, base = os.environ.get("SUREFOOT_SECURITY", ""), os.environ.get("XDG_CONFIG_HOME", "")
-    home = Path(base) if os.path.isabs(base) else Path.home() / ".config"
+    home = Path(base) if os.path.isabs(base) else user_home() / ".config"
     return (Path(given) if given else home / "surefoot" / "security") / namespace
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from surefoot.state import ENDPOINT, SECRET, state_home
+from surefoot.state import ENDPOINT, NO_HOME, SECRET, state_home
 
 from .identity import Identity, end, identify
 
@@ -78,7 +78,9 @@ class RunFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             stream = (self.path / "lock").open("ab")
         except OSError as exc:
-            raise RunFolderError(f"cannot write the run folder {self.path} ({exc.strerror})", "unwritable") from exc
+            hint = "; set XDG_STATE_HOME, as there is no home folder" if NO_HOME in self.path.parents else ""
+            text = f"cannot write the run folder {self.path} ({exc.strerror}){hint}"
+            raise RunFolderError(text, "unwritable") from exc
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as exc:
