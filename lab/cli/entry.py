@@ -1,6 +1,7 @@
 """Entry point of the program `surefoot`: runs `stop` at once, every other command through `surefoot.lab.cli.main`."""
 
 import io
+import os
 import sys
 from collections.abc import Sequence
 
@@ -10,6 +11,7 @@ VALUES = ("--reason", "--timeout", "--connect", "--namespace")
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; exit code 0: ok, 1: a check failed, 2: usage error, 130: interrupted."""
     words = sys.argv[1:] if arguments is None else arguments
+    open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # of a terminal that lacks a character
@@ -32,6 +34,22 @@ def main(arguments: list[str] | None = None) -> None:
     from . import main as everything
 
     everything.main(words)
+
+
+def open_closed_streams() -> None:
+    """Open input, output and errors that are closed, as of a program started by another that closed them, at nothing.
+
+    The first file or connection that the process opens would else take their number, and get what is printed.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(2, "w", encoding="utf-8", closefd=False)
 
 
 def stop_options(words: Sequence[str]) -> dict[str, str] | None:

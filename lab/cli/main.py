@@ -98,10 +98,12 @@ def common(
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; exit code 0: ok, 1: a check failed, 2: usage error, 130: interrupted.
 
-    SIGTERM ends a command as Ctrl-C does, so that the command removes half-written files.
+    SIGTERM, and SIGHUP of a terminal that is closed, end a command as Ctrl-C does, so that the command removes
+    half-written files.
     """
-    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if threading.current_thread() is threading.main_thread() and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
     words = sys.argv[1:] if arguments is None else arguments
     try:
         with compilation_reported(notify, COSTS.get(next(iter(words), ""), ())):

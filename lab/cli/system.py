@@ -269,9 +269,15 @@ def _check_known(name: str) -> None:
 
 @contextmanager
 def _until_signal() -> Iterator[threading.Event]:
-    """Yield an event that SIGTERM and SIGINT set, in place of their default action, so that services stop in order."""
+    """Yield an event that SIGTERM, SIGINT and SIGHUP set, in place of their default action, so that services stop.
+
+    A system whose terminal is closed ends; one that was started by `nohup`, which ignores SIGHUP, goes on.
+    """
     stop = threading.Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGTERM, signal.SIGINT)}
+    numbers = [signal.SIGTERM, signal.SIGINT]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in numbers}
     try:
         yield stop
     finally:
