@@ -54,7 +54,7 @@ def test_a_message_that_is_too_large_is_dropped_counted_and_named(family: str) -
             return bool(counted)
 
         with net.plain() as client:
-            publisher = client.declare_publisher(
+            publisher: Any = client.declare_publisher(
                 f"{net.namespace}/{key}", congestion_control=zenoh.CongestionControl.BLOCK
             )
             wait_until(lambda: publisher.matching_status.matching)

@@ -31,6 +31,7 @@ class Wall:
 
     def ticks(self, number: int, delay_ns: int = 0) -> int:
         """Do ticks, and return how far the last stamp is behind the wall clock of its tick, ns."""
+        made = 0
         for _ in range(number):
             self.stamp += TICK_NS
             self.ns += TICK_NS
