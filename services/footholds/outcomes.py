@@ -23,6 +23,8 @@ def sample_at(
 ) -> StanceSample:
     """Return the sample of one step of a foot (a stance); robot, friction and source are left to the caller.
 
+    The heights that it keeps are those that the planes of the choice were fitted to, `FootholdGround.even`.
+
     Args:
         ground: map that the choice was made on.
         planned: x, y of the foothold that was chosen, map frame, m.
@@ -37,7 +39,7 @@ def sample_at(
     row, col = surface.index(*planned)
     found = window_features(surface.z, row, col, 1, 1, np.array(stroke), surface.cell)
     around = np.empty((PATCH, PATCH), dtype=np.float32)
-    patch(surface.z, row - PATCH // 2, col - PATCH // 2, around)
+    patch(ground.even, row - PATCH // 2, col - PATCH // 2, around)
     rise = 1e6 * (around.astype(np.float64) - float(around[PATCH // 2, PATCH // 2]))
     trial, leg, step = name
     return StanceSample(

@@ -62,8 +62,8 @@ class StanceSample:
     scale: int = SCALES[0]
     """Cells on each side of the middle of the fitted planes, 1 to 4; the noisier the map, the larger."""
     heights_um: tuple[int, ...] = ()
-    """Heights around the chosen cell relative to it, 13 x 13 cells row by row, micrometres; -2^31 = unknown; empty =
-    not kept."""
+    """Heights that planes are fitted to (`FootholdGround.even`) around the chosen cell, relative to it, 13 x 13 cells
+    row by row, micrometres; -2^31 = unknown; empty = not kept."""
 
     def around(self) -> Layer | None:
         """Return the heights about the chosen cell relative to it, (n, n) m, NaN = unknown; None if there are none."""
