@@ -185,10 +185,12 @@ class NavigatorMapRequest(Request):
 class OccupancyGrid(Bulk):
     """Occupancy, int8, C order ``[row = y, col = x]``, row 0 = y-min: 0 free, 100 occupied, -1 unknown."""
 
+    schema_version: ClassVar[str] = "1.1"
     rows: int = Field(ge=0, description="cells along y; 0 = there is no map")
     cols: int = Field(ge=0, description="cells along x")
     cell: float = Field(gt=0, description="edge of a cell, m")
     origin: Vec2 = Field(description="x, y of the lower-left CORNER of cell [0, 0], m, frame map")
+    yaw: float = Field(default=0.0, description="rad, angle of the rows about that corner, frame map, left positive")
     source: str = Field(default="", description="file, or terrain/map")
 
     def data_bytes(self) -> int:

@@ -22,7 +22,7 @@ from surefoot.errors import FieldError
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.navigator.belief import ukf
 from surefoot.services.navigator.planning.costs import WIDEST, Clearance, prepare
-from surefoot.services.navigator.planning.grid import LARGEST_CELL, FloorGrid, grid_of
+from surefoot.services.navigator.planning.grid import LARGEST_CELL, MOST_TURNED, FloorGrid, grid_of
 from surefoot.services.navigator.planning.map_files import load
 from surefoot.services.navigator.planning.route import PlannedRoute, RouteError, RouteLimits
 from surefoot.services.navigator.planning.route import plan as plan_route
@@ -132,7 +132,8 @@ def grid(
         source: a height map (ground over or under the floor is occupied), occupancy (ny, nx) of -1 = unknown and 0 to
             100, or the YAML file of a map of `map_server`.
         cell: edge of a cell of an array, m.
-        origin: lower left corner of an array, (2,) m, frame map.
+        origin: lower left corner of an array, frame map, (2,) m; with a third number the angle, rad, left positive, by
+            which its rows are turned about that corner.
 
     Raises:
         SurefootError: `source` is none of these, or its cells are smaller than 1 mm or larger than 10 m.
@@ -145,9 +146,11 @@ def grid(
     if not np.array_equal(cells, np.rint(cells)) or cells.max(initial=0.0) == 1.0:
         most = f"got values up to {cells.max():g}"
         raise FieldError("range", "source", f"{most}, expected -1 = unknown and whole percents, 100 = occupied")
-    x, y = array(origin, "origin", (2,), "m", low=-FAR, high=FAR).tolist()
+    turned = np.asarray(origin, dtype=object).shape == (3,)
+    x, y = array(origin[:2] if turned else origin, "origin", (2,), "m", low=-FAR, high=FAR).tolist()
+    yaw = number(origin[2], "origin", "rad", low=-MOST_TURNED, high=MOST_TURNED) if turned else 0.0
     edge = number(cell, "cell", "m", low=FINEST, high=LARGEST_CELL)
-    return FloorGrid(cells.astype(np.int8), edge, (x, y))
+    return FloorGrid(cells.astype(np.int8), edge, (x, y), yaw=yaw)
 
 
 def plan(

@@ -93,7 +93,7 @@ def _grid(grid: FloorGrid, radius: float) -> Summary:
     largest = float(sizes.max()) / grid.cells.size if sizes.size else 0.0
     facts = {
         "kind": "occupancy", "rows": grid.shape[0], "cols": grid.shape[1], "cell_m": grid.cell,
-        "bounds_m": list(grid.bounds), "free": float((grid.cells == FREE).mean()),
+        "bounds_m": list(grid.bounds), "yaw_rad": grid.yaw, "free": float((grid.cells == FREE).mean()),
         "unknown": float((grid.cells == UNKNOWN).mean()), "regions": len(sizes), "largest_region": largest,
         "radius_m": radius,
     }  # fmt: skip

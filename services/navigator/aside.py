@@ -82,6 +82,7 @@ def _free(pose: Array, ends: Array, costs: Costs) -> NDArray[np.bool_]:
     x = pose[0] + share[:, None] * (c * ends[:, 0] - s * ends[:, 1])
     y = pose[1] + share[:, None] * (s * ends[:, 0] + c * ends[:, 1])
     grid, (rows, cols) = costs.grid, costs.weight.shape
+    x, y = grid.aligned(x, y)
     row = np.clip(np.floor((y - grid.origin[1]) / grid.cell).astype(np.int64) + 1, 0, rows - 1)
     col = np.clip(np.floor((x - grid.origin[0]) / grid.cell).astype(np.int64) + 1, 0, cols - 1)
     return ((costs.weight[row, col] > 0) | (share[:, None] * length < FROM)).all(axis=0)

@@ -190,5 +190,11 @@ class Maps:
             return OccupancyGrid(rows=0, cols=0, cell=0.05, origin=(0.0, 0.0))
         rows, cols = grid.shape
         return OccupancyGrid(
-            rows=rows, cols=cols, cell=grid.cell, origin=grid.origin, source=grid.source, data=grid.to_bytes()
+            rows=rows,
+            cols=cols,
+            cell=grid.cell,
+            origin=grid.origin,
+            yaw=grid.yaw,
+            source=grid.source,
+            data=grid.to_bytes(),
         )

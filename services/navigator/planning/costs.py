@@ -123,7 +123,8 @@ class Costs:
         `points`: ends of its straight parts in order, x and y, (n, 2) m, frame map, n at least 1.
         """
         (x0, y0), cell = self.grid.origin, self.grid.cell
-        padded = [((y - y0) / cell + 1.0, (x - x0) / cell + 1.0) for x, y in points.tolist()]
+        along = (self.grid.aligned(x, y) for x, y in points.tolist())
+        padded = [((y - y0) / cell + 1.0, (x - x0) / cell + 1.0) for x, y in along]
         return min(self.clearance.comfort, cell * gap(self.wall, padded, self.clearance.comfort / cell))
 
 

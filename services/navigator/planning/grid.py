@@ -2,19 +2,24 @@
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.arguments import array, instance, number, shown, whole
+from surefoot.arrays import Array
 from surefoot.errors import FieldError, Refusal
 from surefoot.geometry.heightmap import MAX_CELLS, SMALLEST_CELL, HeightMap
 
 Cells = NDArray[np.int8]
 Point = tuple[float, float]
 """x and y in m, frame map."""
+Coordinate = TypeVar("Coordinate", float, Array)
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+MOST_TURNED = 6.3
+"""Largest absolute yaw of a grid, rad; a larger one is refused, as probably in degrees."""
 LARGEST_CELL = 10.0
 """Largest edge of a grid cell, m; larger ones are refused."""
 STEP = 0.04
@@ -29,6 +34,8 @@ class GridError(Refusal):
 class FloorGrid:
     """Occupancy of the floor in frame `map`, as map_server publishes it; immutable.
 
+    Rows and columns may be turned in frame `map`: indices and centres of cells account for it.
+
     Raises:
         GridError: no cells or too many, values outside -1 to 100, a cell size or an origin that cannot be.
     """
@@ -41,6 +48,8 @@ class FloorGrid:
     """x, y of the lower-left corner of cell [0, 0], m, frame map."""
     source: str = ""
     """Origin of the grid, in words."""
+    yaw: float = 0.0
+    """Angle from the x axis of frame `map` to the rows of the grid, rad, about the corner `origin`, left positive."""
 
     def __post_init__(self) -> None:
         given = self.cells
@@ -49,6 +58,7 @@ class FloorGrid:
                 array(given, "cells", ("rows", "cols"), low=UNKNOWN, high=OCCUPIED)
             number(self.cell, "cell", "m", low=SMALLEST_CELL, high=LARGEST_CELL)
             x, y = array(self.origin, "origin", (2,), "m").tolist()
+            number(self.yaw, "yaw", "rad", low=-MOST_TURNED, high=MOST_TURNED)
             instance(self.source, "source", str, "a text")
         except FieldError as error:
             raise GridError("bad_grid", str(error), error.field) from None
@@ -70,10 +80,28 @@ class FloorGrid:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Edges of the grid: x_min, y_min, x_max, y_max, m, frame map."""
+        """Least rectangle along the axes that holds the grid: x_min, y_min, x_max, y_max, m, frame map."""
         rows, cols = self.shape
         x, y = self.origin
-        return (x, y, x + cols * self.cell, y + rows * self.cell)
+        sides = (x, x + cols * self.cell), (y, y + rows * self.cell)
+        corners = [self.turned(right, upper) for right in sides[0] for upper in sides[1]]
+        (x0, x1), (y0, y1) = ((min(values), max(values)) for values in zip(*corners, strict=True))
+        return (x0, y0, x1, y1)
+
+    def turned(self, x: float, y: float) -> Point:
+        """Return a point turned about the corner `origin` by `yaw`: from axes along rows and columns to frame map.
+
+        `x`, `y`: m, both in axes with the origin of frame map; with a yaw of 0 they are returned as they are.
+        """
+        return _about(self.origin, self.yaw, x, y)
+
+    def aligned(self, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
+        """Return a point of frame map, m, turned about the corner `origin` by -`yaw`, the inverse of `turned`.
+
+        There rows and columns lie along x and y. `x`, `y`: m, numbers or arrays (n,); with a yaw of 0 they are
+        returned as they are.
+        """
+        return _about(self.origin, -self.yaw, x, y)
 
     def index(self, x: float, y: float) -> tuple[int, int]:
         """Return (row, col) of the cell that holds a point x, y (m, frame map); it may lie outside of the grid.
@@ -82,7 +110,8 @@ class FloorGrid:
             FieldError: x or y is no finite number.
         """
         try:
-            return (math.floor((y - self.origin[1]) / self.cell), math.floor((x - self.origin[0]) / self.cell))
+            ahead, left = self.aligned(x, y)
+            return (math.floor((left - self.origin[1]) / self.cell), math.floor((ahead - self.origin[0]) / self.cell))
         except (TypeError, ValueError, OverflowError):
             number(x, "x", "m")
             number(y, "y", "m")
@@ -96,7 +125,7 @@ class FloorGrid:
     def centre(self, row: int, col: int) -> tuple[float, float]:
         """Return x, y of the centre of a cell, m, frame map (raises FieldError: no whole numbers)."""
         _check_cell(row, col)
-        return (self.origin[0] + (col + 0.5) * self.cell, self.origin[1] + (row + 0.5) * self.cell)
+        return self.turned(self.origin[0] + (col + 0.5) * self.cell, self.origin[1] + (row + 0.5) * self.cell)
 
     def to_bytes(self) -> bytes:
         """Return the cells as int8 (0 free to 100 occupied, -1 unknown), row by row from y-min."""
@@ -134,6 +163,14 @@ def _check_cell(row: int, col: int) -> None:
     if type(row) is not int or type(col) is not int:  # these two need no check, and most are such
         whole(row, "row")
         whole(col, "col")
+
+
+def _about(origin: Point, angle: float, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
+    """Return a point x, y (m, numbers or arrays) turned about `origin`, m, by `angle`, rad, left positive."""
+    if angle == 0.0:
+        return (x, y)
+    c, s, dx, dy = math.cos(angle), math.sin(angle), x - origin[0], y - origin[1]
+    return (origin[0] + c * dx - s * dy, origin[1] + s * dx + c * dy)
 
 
 def grid_of(ground: HeightMap) -> FloorGrid:

@@ -27,7 +27,7 @@ from surefoot.errors import Refusal
 from surefoot.files import FileError, read_regular
 from surefoot.geometry.heightmap import MAX_CELLS
 
-from .grid import FREE, OCCUPIED, UNKNOWN, FloorGrid
+from .grid import FREE, MOST_TURNED, OCCUPIED, UNKNOWN, FloorGrid
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = ("trinary", "scale", "raw")
@@ -71,6 +71,8 @@ class MapInfo:
     """True if bright pixels are occupied, False if dark ones are."""
     mode: Mode = "trinary"
     """Rule that converts pixels to occupancy, a mode of map_server: trinary, scale or raw."""
+    yaw: Annotated[Number, Field(ge=-MOST_TURNED, le=MOST_TURNED)] = 0.0
+    """Angle by which the image is turned about its corner `origin`, rad, left positive; the file has it in origin."""
 
     @field_validator("free_thresh")
     @classmethod
@@ -97,7 +99,7 @@ def load(path: str | Path) -> FloorGrid:
     info = parse(text, source)
     levels, opacity = _pixels(info.image)
     cells = occupancy(levels, opacity, info)
-    return FloorGrid(cells[::-1], info.resolution, info.origin, source.name)
+    return FloorGrid(cells[::-1], info.resolution, info.origin, source.name, info.yaw)
 
 
 def parse(text: str, path: Path) -> MapInfo:
@@ -121,11 +123,13 @@ def parse(text: str, path: Path) -> MapInfo:
         raise _malformed(f"{path.name}: a map is a table of keys, got {str(read)[:80]!r}", "yaml")
     table = cast("dict[str, Any]", read)
     try:
-        return INFO.validate_python({**table, "image": _image(table, path), "origin": _origin(table)})
+        (x, y), yaw = _origin(table)
+        return INFO.validate_python({**table, "image": _image(table, path), "origin": (x, y), "yaw": yaw})
     except ValidationError as error:
         first = error.errors()[0]
-        field, got = str(first["loc"][0]), "" if first["type"] == "missing" else f", got {str(first['input'])[:120]!r}"
-        raise _malformed(f"{field}: {first['msg']}{got}", field) from None
+        key, got = str(first["loc"][0]), "" if first["type"] == "missing" else f", got {str(first['input'])[:120]!r}"
+        field = "origin" if key == "yaw" else key
+        raise _malformed(f"{key}: {first['msg']}{got}", field) from None
 
 
 def occupancy(levels: NDArray[np.uint8], opacity: NDArray[np.uint8] | None, info: MapInfo) -> NDArray[np.int8]:
@@ -165,11 +169,11 @@ def _content(path: Path, most: int, field: str) -> bytes:
         raise MapFileError("not_found" if error.code == "not_found" else "malformed", str(error), field) from None
 
 
-def _origin(table: dict[str, Any]) -> tuple[Any, Any]:
+def _origin(table: dict[str, Any]) -> tuple[tuple[Any, Any], Any]:
     value = table.get("origin")
-    if not isinstance(value, list) or len(cast("list[Any]", value)) != 3 or value[2] != 0:
-        raise _malformed(f"origin must be [x, y, 0], without rotation, got {str(value)[:120]!r}", "origin")
-    return value[0], value[1]
+    if not isinstance(value, list) or len(cast("list[Any]", value)) != 3:
+        raise _malformed(f"origin must be [x, y, yaw] in m and rad, got {str(value)[:120]!r}", "origin")
+    return (value[0], value[1]), value[2]
 
 
 def _image(table: dict[str, Any], path: Path) -> Path:

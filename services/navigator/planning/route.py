@@ -181,7 +181,8 @@ def _hint(near: Point | None) -> str:
 def _padded(costs: Costs, point: Point) -> tuple[float, float]:
     """Return row and column of a point (m, frame map) in padded cells, cell i reaching from i to i + 1."""
     (x0, y0), cell = costs.grid.origin, costs.grid.cell
-    return (point[1] - y0) / cell + 1.0, (point[0] - x0) / cell + 1.0
+    x, y = costs.grid.aligned(*point)
+    return (y - y0) / cell + 1.0, (x - x0) / cell + 1.0
 
 
 def _centre(costs: Costs, row: int, col: int) -> Point:

@@ -6,6 +6,7 @@ forgotten.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -49,15 +50,16 @@ def expected_echo(
         longest: largest distance that counts, m.
         obstacle: occupancy from which on a cell is an obstacle, 1 to 100.
     """
-    (r0, c0), (r1, c1) = grid.index(at[0] - longest, at[1] - longest), grid.index(at[0] + longest, at[1] + longest)
+    (row, col), reach = grid.index(at[0], at[1]), math.ceil(longest / grid.cell)
     rows, cols = grid.shape
-    r0, c0, r1, c1 = max(0, r0), max(0, c0), min(rows, r1 + 1), min(cols, c1 + 1)
+    r0, c0, r1, c1 = max(0, row - reach), max(0, col - reach), min(rows, row + reach + 1), min(cols, col + reach + 1)
     if r0 >= r1 or c0 >= c1:
         return longest, longest
     found = np.argwhere(grid.cells[r0:r1, c0:c1] >= obstacle)
-    dx = grid.origin[0] + (found[:, 1] + c0 + 0.5) * grid.cell - at[0]
-    dy = grid.origin[1] + (found[:, 0] + r0 + 0.5) * grid.cell - at[1]
-    ahead = math.cos(at[2]) * dx + math.sin(at[2]) * dy
+    (x, y), heading = grid.aligned(at[0], at[1]), at[2] - grid.yaw
+    dx = grid.origin[0] + (found[:, 1] + c0 + 0.5) * grid.cell - x
+    dy = grid.origin[1] + (found[:, 0] + r0 + 0.5) * grid.cell - y
+    ahead = math.cos(heading) * dx + math.sin(heading) * dy
     away = np.sqrt(dx * dx + dy * dy)
     least, largest = (
         float(np.min(away, where=ahead >= math.cos(min(math.pi, max(0.0, angle))) * away, initial=math.inf))
@@ -186,4 +188,4 @@ class SeenObstacles:
         cells = self.grid.cells.copy()
         for cell in self.marks:
             cells[cell] = OCCUPIED
-        return FloorGrid(cells, self.grid.cell, self.grid.origin, self.grid.source)
+        return replace(self.grid, cells=cells)
