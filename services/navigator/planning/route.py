@@ -33,8 +33,8 @@ class RouteLimits:
     leg: float = 1.0
     """Largest distance between consecutive waypoints, m: the viewing distance of the camera."""
     slack: float = 0.3
-    """Largest distance of the start from a free cell, m; beyond it no route is planned. A robot beside a wall may leave
-    it."""
+    """Largest distance of the start from the free cell at which a route begins, m; beyond it no route is planned. A
+    robot beside a wall may leave it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +70,9 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
             nearest free cell.
     """
     limits = limits or RouteLimits()
-    begin, entry = _entry(costs, _checked(start, "start"), limits)
-    end = _free(costs, _checked(goal, "goal"), "goal")
+    start, goal = _checked(start, "start"), _checked(goal, "goal")
+    begin, entry = _entry(costs, start, goal, limits)
+    end = _free(costs, goal, "goal")
     region = int(costs.region[begin])
     if int(costs.region[end]) != region:
         near = _nearest(costs, goal, region)
@@ -99,14 +100,13 @@ def _checked(point: Point, field: str) -> Point:
     return (float(point[0]), float(point[1]))
 
 
-def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, int], Point]:
+def _entry(costs: Costs, start: Point, goal: Point, limits: RouteLimits) -> tuple[tuple[int, int], Point]:
     """Return padded cell (row, column) and position (m, frame map) at which a route begins.
 
-    It is the start, or the nearest free cell within `limits.slack` m of it that a straight line leads to without
-    crossing an obstacle; out of an obstacle that holds the start itself any line may lead.
+    It is the start, or a free cell within `limits.slack` m of it, see `_way_out`.
 
     Raises:
-        RouteError: the start is outside of the map, or blocked and far from free cells.
+        RouteError: the start is outside of the map, or blocked without such a cell.
     """
     try:
         return _free(costs, start, "start"), start
@@ -114,32 +114,42 @@ def _entry(costs: Costs, start: Point, limits: RouteLimits) -> tuple[tuple[int, 
         near = error.nearest
         if error.code != "blocked" or near is None or math.dist(near, start) > limits.slack:
             raise
-        row, col = costs.grid.index(*near)
-        found = _way_out(costs, start, (row + 1, col + 1), limits.slack)
+        row, col = costs.grid.index(*goal)
+        wanted = int(costs.region[row + 1, col + 1]) if costs.grid.inside(row, col) else 0
+        found = _way_out(costs, start, wanted, limits.slack)
         if found is None:
             raise
         return found, _centre(costs, *found)
 
 
-def _way_out(costs: Costs, start: Point, nearest: tuple[int, int], slack: float) -> tuple[int, int] | None:
+def _way_out(costs: Costs, start: Point, wanted: int, slack: float) -> tuple[int, int] | None:
     """Return the padded free cell by which a blocked start is left, at most `slack` m away; None = walls are between.
 
-    `start`: x, y in m, frame map; `nearest`: row and column of the nearest free cell, padded.
+    A straight line leads there that crosses no obstacle but, from its beginning on, one that holds the start itself. It
+    is the nearest such cell of the region of the goal, else of any; where an obstacle holds the start and there is no
+    such cell, the nearest of all.
+
+    Args:
+        costs: costs of walking over the cells of a floor.
+        start: x, y in m, frame map.
+        wanted: number of the goal's region, 0 = none.
+        slack: m.
     """
     (r, c), reach = _padded(costs, start), slack / costs.grid.cell
     r0, c0 = max(0, int(r - reach)), max(0, int(c - reach))
     part = np.s_[r0 : int(r + reach) + 2, c0 : int(c + reach) + 2]
     passable = np.where(costs.wall[part], 0, astar.UNIT).astype(np.uint8)
-    if passable[int(r) - r0, int(c) - c0] == 0:
-        return nearest
-    rows, cols = np.nonzero(costs.weight[part])
+    region = costs.region[part]
+    rows, cols = np.nonzero(region)
     apart = np.hypot(rows + (r0 + 0.5) - r, cols + (c0 + 0.5) - c)
-    others = [(int(rows[k]) + r0, int(cols[k]) + c0) for k in np.argsort(apart, kind="stable") if apart[k] <= reach]
-    for row, col in (nearest, *others):
-        line = straighten.line_cost(passable, r - r0, c - c0, row - r0 + 0.5, col - c0 + 0.5)
-        if line >= 0.0:
-            return row, col
-    return None
+    for k in np.lexsort((apart, region[rows, cols] != wanted)).tolist():
+        row, col = int(rows[k]), int(cols[k])
+        if apart[k] <= reach + 1e-9 and straighten.leads_out(passable, r - r0, c - c0, row + 0.5, col + 0.5):
+            return row + r0, col + c0
+    if passable[int(r) - r0, int(c) - c0] > 0 or not rows.size:
+        return None
+    nearest = int(apart.argmin())
+    return int(rows[nearest]) + r0, int(cols[nearest]) + c0
 
 
 def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:

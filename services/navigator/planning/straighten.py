@@ -54,6 +54,27 @@ def line_cost(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> floa
 
 
 @row_kernel
+def leads_out(weight: Bytes, r0: float, c0: float, r1: float, c1: float) -> bool:
+    """Return True if a straight line crosses no blocked cell after it has left those at its beginning.
+
+    Where it leaves them is found to a sixteenth of a cell.
+
+    Args:
+        weight: cost factors (0 = blocked), padded by a frame of zeros, (rows + 2, cols + 2).
+        r0: row of the beginning in padded cells, cell i reaches from i to i + 1.
+        c0: column of the beginning.
+        r1: row of the end.
+        c1: column of the end.
+    """
+    steps = int(16.0 * max(abs(r1 - r0), abs(c1 - c0))) + 1
+    for i in range(steps):
+        r, c = r0 + i * (r1 - r0) / steps, c0 + i * (c1 - c0) / steps
+        if weight[int(r), int(c)] > 0:
+            return line_cost(weight, r, c, r1, c1) >= 0.0
+    return weight[int(r1), int(c1)] > 0
+
+
+@row_kernel
 def pull(weight: Bytes, path: Ints32, r_start: float, c_start: float, r_goal: float, c_goal: float) -> Ints32:
     """Return which cells of a path stay as corners when straight lines of no higher cost replace its parts.
 
