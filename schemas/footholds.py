@@ -105,8 +105,8 @@ class LegFoothold(Reply):
     )
     score: float | None = Field(
         default=None,
-        description="Q of the chosen cell, by which it was chosen, no unit: P + k K4; without landing error of the "
-        "model the mean of it over the free cells of 3x3; small is good",
+        description="Q of the chosen cell, by which it was chosen, no unit: P + k K4, unknown ground under the "
+        "foot as P = 1; without landing error of the model the mean of it over the free cells of 3x3; small is good",
     )
     slip: float | None = Field(
         default=None, description="P over where the foot may land: way slipped per stroke, 0 to 1, no unit"

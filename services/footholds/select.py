@@ -19,6 +19,7 @@ from surefoot.kernels.jit import kernel
 from surefoot.robot.description import Robot
 
 from .features import Layer
+from .footing import add_unsupported, average_landings
 from .ground import FootholdGround, ground_features
 from .masks import (
     REASONS,
@@ -195,6 +196,9 @@ class WindowCosts(NamedTuple):
     """Weight k, 1/m, of the distance K4 in the cost Q = P + k K4, P the slip."""
     block: bool
     """True if the cost Q is the mean of P + k K4 over the free cells of 3 x 3, False if that of the single cell."""
+    raised: Layer | None = None
+    """`mean` with unknown ground under the disc of the foot as slip 1, P + U (1 - P), which takes the place of P in Q,
+    no unit, (rows, cols); None = no ground is unknown."""
 
     def q(self, mask: Mask) -> Layer:
         """Return the cost Q of every cell, no unit, (rows, cols): the choice is the free cell of the least one.
@@ -202,7 +206,7 @@ class WindowCosts(NamedTuple):
         `mask`: reasons against each cell, (rows, cols), 0 = free.
         """
         out = np.empty(self.slip.shape, dtype=np.float32)
-        _q(mask, self.mean, self.away, self.weight, self.block, out)
+        _q(mask, self.mean if self.raised is None else self.raised, self.away, self.weight, self.block, out)
         return out
 
 
@@ -228,12 +232,14 @@ def window_costs(
     slip = around if b == 0 else np.ascontiguousarray(around[b:-b, b:-b])
     mean = slip if b == 0 else np.empty_like(slip)
     if b > 0:
-        _landings(around, blur, mean)
+        average_landings(around, blur, mean)
+    raised = mean.copy()
+    add_unsupported(ground, window, raised)
     away = np.zeros((rows, cols), dtype=np.float32)
     if nominal is not None:
         x, y = surface.centre(row, col)
         _distances((surface.cell, x - nominal[0], y - nominal[1]), away)
-    return WindowCosts(slip, mean, away, params.weight(model), params.robust and b == 0)
+    return WindowCosts(slip, mean, away, params.weight(model), params.robust and b == 0, raised)
 
 
 def best_cell(mask: Mask, costs: WindowCosts) -> int:
@@ -253,25 +259,6 @@ def _distances(offset: Point, away: Layer) -> None:
         for j in range(away.shape[1]):
             x = shift_x + j * cell
             away[i, j] = math.sqrt(x * x + y * y)
-
-
-@kernel
-def _landings(around: Layer, blur: Array, mean: Layer) -> None:
-    """Write the mean of the slip P over landings where P is known (negative: unknown) into `mean` (r, c).
-
-    `blur`: weights of the landings around a cell, (s, s); `around`: P with a border for them, (r + s - 1, c + s - 1).
-    """
-    size = blur.shape[0]
-    for i in range(mean.shape[0]):
-        for j in range(mean.shape[1]):
-            p, known = 0.0, 0.0
-            for r in range(size):
-                for c in range(size):
-                    near = around[i + r, j + c]
-                    if near >= 0.0:
-                        p += blur[r, c] * min(near, 1.0)
-                        known += blur[r, c]
-            mean[i, j] = p / known if known > 0.0 else around[i + size // 2, j + size // 2]
 
 
 @kernel

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
 from surefoot.services.footholds.features import Features, Layer, window_features
+from surefoot.services.footholds.footing import average_landings
 from surefoot.services.footholds.ground import FootholdGround, build_ground
 from surefoot.services.footholds.masks import REASONS, Limits, mask_window
 from surefoot.services.footholds.models.protocol import UNLEARNED
@@ -21,7 +22,6 @@ from surefoot.services.footholds.select import (
     SelectParams,
     TrunkPose,
     WindowCosts,
-    _landings,
     best_cell,
     landing_weights,
     placement,
@@ -218,7 +218,7 @@ def test_choice_over_landings_equals_plain_loops(seed: int, share: float) -> Non
         known = part >= 0.0
         means[i, j] = (blur * np.minimum(part, 1.0))[known].sum() / blur[known].sum()
     mean = np.empty_like(slip)
-    _landings(around, blur, mean)
+    average_landings(around, blur, mean)
     np.testing.assert_allclose(mean[mask == 0], means[mask == 0], rtol=1e-6)
     got = best_cell(mask, WindowCosts(slip, mean, distances(sx, sy), 2.0, False))
     assert got == reference(mask, mean, sx, sy, 2.0, False)
