@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.arguments import number
+from surefoot.errors import InvalidField
 from surefoot.services.navigator.belief import landmark_files
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
 from surefoot.services.navigator.planning import map_files
@@ -87,8 +88,13 @@ def copied(world: FloorLandmarks) -> int:
 
 
 def _grid(grid: FloorGrid, radius: float) -> Summary:
-    number(radius, "radius", "m, 200 cells", low=0.0, high=WIDEST * grid.cell)
-    costs = prepare(grid, Clearance(radius=radius, comfort=radius), lasting=False)
+    number(radius, "radius", "m", low=0.0)
+    widest, half = WIDEST * grid.cell, (0.5 * min(grid.shape) + 1.0) * grid.cell  # wider robots stand nowhere either
+    keep = min(radius, half)
+    if keep > widest:
+        text = f"got {radius:g} m, allowed on cells of {grid.cell:g} m is at most {widest:g} m, {WIDEST} of them"
+        raise InvalidField("radius", text)
+    costs = prepare(grid, Clearance(radius=keep, comfort=keep), lasting=False)
     sizes = np.bincount(costs.region.ravel())[1:]
     largest = float(sizes.max()) / grid.cells.size if sizes.size else 0.0
     facts = {

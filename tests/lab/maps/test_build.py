@@ -148,6 +148,19 @@ def test_the_command_line_shows_and_checks_maps(tmp_path, answer, in_process):
     code, out, _ = in_process("map", "check", yaml, "--radius", "2")
     assert code == 1
     assert "nowhere" in out
+    code, out, _ = in_process("map", "check", yaml, "--radius", "100")  # more than 200 cells
+    assert code == 1
+    assert "a robot with a radius of 100 m stands nowhere" in out
+
+
+def test_a_radius_beyond_what_is_computed_on_a_map_is_a_wrong_argument(tmp_path, in_process):
+    (tmp_path / "wide.pgm").write_bytes(b"P5\n500 410\n255\n" + bytes([254]) * 500 * 410)
+    yaml = tmp_path / "wide.yaml"
+    yaml.write_text("image: wide.pgm\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.25\n")
+    assert in_process("map", "check", yaml, "--radius", "10")[0] == 0
+    code, _, errors = in_process("map", "check", yaml, "--radius", "100")
+    assert code == 2
+    assert "radius: got 100 m, allowed on cells of 0.05 m is at most 10 m, 200 of them" in errors
 
 
 def test_recordings_without_landmarks_or_poses_are_refused(tmp_path):
