@@ -12,7 +12,7 @@ from surefoot.services.footholds.models.files import load, shipped
 from surefoot.services.footholds.patch import choose_on_patch
 
 CELL = 0.005
-RAGNO = load(shipped("ragno"))
+RAGNO = load(shipped("ragno") or "")
 
 
 @pytest.mark.parametrize("radius", [0.0001, 0.003, 0.006, 0.008, 0.02])

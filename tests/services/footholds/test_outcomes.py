@@ -38,7 +38,7 @@ def test_the_point_of_a_sample_is_that_of_the_choice_beside_unknown_ground_too(d
         if not len(found):
             continue
         beside += bool(np.isnan(ground.surface.z[row - 1 : row + 2, col - 2 : col + 3]).any())
-        want = coordinates(*(np.array([float(k)]) for k in (k1, k2, k3)), CELL)[0]
+        want = coordinates(np.array([k1]), np.array([k2]), np.array([k3]), CELL)[0]
         assert found.x[0][1:] == pytest.approx(want[1:], abs=2e-3), (row, col)  # heights are kept to a micrometre
     assert beside > 20
 

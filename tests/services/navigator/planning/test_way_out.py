@@ -1,6 +1,7 @@
 """Where a route begins whose start is blocked: by a cell on the robot's side of the walls, that leads to the goal."""
 
 import math
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ def test_a_blocked_start_is_left_on_its_side_of_the_walls_towards_the_goal() -> 
         cells[rng.integers(6, 18)], cells[:, rng.integers(6, 18)] = 100, 100
         costs = prepare(FloorGrid(cells, CELL), Clearance(radius=CELL * float(rng.choice([1.2, 2.2]))))
         free = costs.weight[1:-1, 1:-1] > 0
-        region = ndimage.label(free)[0]  # a flood fill over edges
+        region = np.asarray(cast(Any, ndimage.label(free))[0])  # a flood fill over edges
         if not free.any():
             continue
         for _ in range(10):
