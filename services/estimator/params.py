@@ -59,7 +59,7 @@ class EstimatorParams:
     gap_periods: float = 5.0  # a longer IMU gap is counted and widens the covariance
     reset_gap_ns: int = 500_000_000  # a longer one makes the velocity unknown
     # start, equation (1)
-    standstill_samples: int = 50
+    standstill_samples: int = 50  # at 100 Hz; `best` takes more of a faster unit, so that they last as long
     standstill_gyro_sd: float = STANDSTILL_FACTOR * 0.0054  # rad/s
     standstill_acc_sd: float = STANDSTILL_FACTOR * 0.035  # m/s^2
     standstill_travel: float = 0.0013  # m, of a foot within the window; an encoder step of a short leg moves it by 0.6

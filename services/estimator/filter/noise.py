@@ -81,6 +81,8 @@ class BestLimits(NamedTuple):
 
     samples: int
     """Number of inertial samples that make a rest."""
+    rest_s: float
+    """Time that they take at 100 Hz or a higher rate, s."""
     gyro_variance: float
     """Largest variance of a gyro axis over a rest, (rad/s)^2; with more the robot moves."""
     acc_variance: float
@@ -126,6 +128,11 @@ class BestSetting(NamedTuple):
 class FixedNumbers(NamedTuple):
     """Numbers of the `best` filter that are equal for every robot, log and configuration."""
 
+    rest_period_s: float = 0.01
+    """Time, s, for which each of `standstill_samples` counts: a faster inertial unit needs more, for slow gaits are
+    still for a tenth of a second."""
+    most_samples: int = 1000
+    """Largest number of inertial samples of a rest."""
     acc_share: float = 1.2
     """Factor of a walking robot's accelerometer noise over that of the data sheet."""
     point_share: float = 1.3

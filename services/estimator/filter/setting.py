@@ -27,8 +27,11 @@ def best_noise(params: EstimatorParams, modes: bool = False) -> BestNoise:
 
 def best_limits(params: EstimatorParams, start: StartPose, stated: bool, hypotheses: bool = True) -> BestLimits:
     """Return limits of start and rest of the filter; `stated`: True if pose and slope at the start are known."""
+    faster = FIXED.rest_period_s / (1e-9 * params.imu_period_ns)
+    samples = min(round(params.standstill_samples * max(faster, 1.0)), FIXED.most_samples)
     return BestLimits(
-        samples=params.standstill_samples, travel=params.standstill_travel, max_speed=params.max_speed,
+        samples=samples, rest_s=FIXED.rest_period_s * params.standstill_samples,
+        travel=params.standstill_travel, max_speed=params.max_speed,
         gyro_variance=params.standstill_gyro_sd**2, acc_variance=params.standstill_acc_sd**2,
         gyro_bias_sd=params.gyro_bias_sd, acc_bias_sd=params.acc_bias_sd, hypotheses=hypotheses,
         slope_sd=params.start_slope_sd if stated else math.inf, start=StartPose(*map(float, start)),

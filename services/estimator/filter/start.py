@@ -294,7 +294,7 @@ def start_at_rest(state: BestState, samples: SampleStore, at: int, setting: Best
             cov[E.acc_bias + i, E.acc_bias + j] = (
                 rot[2, i] * rot[2, j] * limits.acc_bias_sd**2 + across * (GRAVITY * tilt_sd) ** 2
             )
-        cov[E.acc_bias + i, E.acc_bias + i] += (memory[M.shown + 1] * noise.acc) ** 2 / (0.01 * n)
+        cov[E.acc_bias + i, E.acc_bias + i] += (memory[M.shown + 1] * noise.acc) ** 2 / limits.rest_s
     memory[M.phase] = STARTED
     memory[M.rest] = 1.0  # its samples are taken: the next rest begins here
 

@@ -133,8 +133,9 @@ class FloorGrid:
 
     @classmethod
     def from_bytes(
-        cls, data: bytes, rows: int, cols: int, cell: float, origin: tuple[float, float], source: str = ""
-    ) -> "FloorGrid":
+        cls, data: bytes, rows: int, cols: int, cell: float, origin: tuple[float, float], source: str = "",
+        yaw: float = 0.0,
+    ) -> "FloorGrid":  # fmt: skip
         """Return the grid of occupancy as bytes.
 
         Args:
@@ -144,6 +145,7 @@ class FloorGrid:
             cell: edge of a cell, m.
             origin: x, y of the lower-left corner of cell [0, 0], m, frame map.
             source: origin of the grid, in words.
+            yaw: angle from the x axis of frame map to the rows, rad, as in the field of that name.
 
         Raises:
             GridError: too few bytes or too many, or values that are no grid.
@@ -156,7 +158,7 @@ class FloorGrid:
             raise GridError("bad_grid", str(error), error.field) from None
         if rows < 1 or cols < 1 or len(data) != rows * cols:
             raise GridError("bad_grid", f"{rows} x {cols} cells need {rows * cols} bytes, got {len(data)}", "data")
-        return cls(np.frombuffer(data, dtype=np.int8).reshape(rows, cols), cell, origin, source)
+        return cls(np.frombuffer(data, dtype=np.int8).reshape(rows, cols), cell, origin, source, yaw)
 
 
 def _check_cell(row: int, col: int) -> None:

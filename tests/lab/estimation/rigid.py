@@ -28,7 +28,8 @@ def columns(*parts: np.ndarray | float) -> np.ndarray:
 
 
 def logged(
-    seconds: float, position: Motion, turn: Motion, feet: Motion, contact: Motion, *, foot_sd: float = 4e-4
+    seconds: float, position: Motion, turn: Motion, feet: Motion, contact: Motion, *, foot_sd: float = 4e-4,
+    period_s: float = PERIOD_S,
 ) -> Log:  # fmt: skip
     """The log of such a motion, by exact means over each interval, with the noise of usual sensors.
 
@@ -39,14 +40,15 @@ def logged(
         feet: of each time (m,), positions in the world (m, 4, 3), m; NaN: the place under the trunk, turned with it.
         contact: of each time (m,), flags (m, 4).
         foot_sd: noise of a foot's position, m.
+        period_s: time between samples of the inertial unit, s; every second one has a sample of the feet.
     """
-    t, rng = PERIOD_S * np.arange(round(seconds / PERIOD_S) + 1), np.random.default_rng(0)
+    t, rng = period_s * np.arange(round(seconds / period_s) + 1), np.random.default_rng(0)
     rot, place = Rotation.from_rotvec(turn(t)), position(t)
-    w = (rot[:-1].inv() * rot[1:]).as_rotvec() / PERIOD_S
+    w = (rot[:-1].inv() * rot[1:]).as_rotvec() / period_s
     h = 1e-4
     velocity = (position(t + h) - position(t - h)) / (2.0 * h)
-    force = np.diff(velocity, axis=0) / PERIOD_S + np.array([0.0, 0.0, GRAVITY])
-    q = Rotation.from_rotvec(turn(t[1:] - 0.5 * PERIOD_S)).inv().apply(force)
+    force = np.diff(velocity, axis=0) / period_s + np.array([0.0, 0.0, GRAVITY])
+    q = Rotation.from_rotvec(turn(t[1:] - 0.5 * period_s)).inv().apply(force)
     at = np.arange(EVERY, len(t), EVERY)
     world, below = feet(t[at]), CORNERS - np.array([0.0, 0.0, HEIGHT])
     seen = np.stack([rot[at].inv().apply(world[:, f] - place[at]) for f in range(4)], axis=1)

@@ -227,3 +227,14 @@ def test_feet_that_sink_do_not_lift_the_robot(sink: float) -> None:
             row = at - n
             runner.feet(int(log.foot_ns[row]), log.foot_position[row], log.foot_rot[row], log.contact[row])
     assert any(reason.startswith("feet sink by") for reason in runner.estimate().reasons)
+
+
+def test_a_robot_that_turns_slowly_is_not_at_rest_for_a_fast_inertial_unit() -> None:
+    def turns(t: np.ndarray) -> np.ndarray:  # 0.04 rad/s: the feet move by 0.5 mm in 50 samples
+        return columns(0.0, 0.0, 0.04 * np.clip(t - 2.0, 0.0, 8.0))
+
+    log = logged(12.0, lambda t: columns(0.0 * t, 0.0, HEIGHT), turns, standing, all_closed, period_s=0.001)
+    found = track("best", replace(log, sensors={"imu_period_ns": 1_000_000, "kinematics_period_ns": 2_000_000}))
+    assert found.pose is not None
+    assert found.yaw[-1] == pytest.approx(0.32, abs=3.0 * np.sqrt(found.pose[-1, 5, 5]))
+    assert found.yaw[-1] == pytest.approx(0.32, abs=0.01)
