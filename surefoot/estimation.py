@@ -39,7 +39,7 @@ from surefoot.services.estimator.feet.mount import bare_mount, foot_mount
 from surefoot.services.estimator.inputs.external import LARGEST, SHAPES, ExternalSample
 from surefoot.services.estimator.inputs.results import InputResult
 from surefoot.services.estimator.output import OdometryPose, VelocityAndTilt
-from surefoot.services.estimator.params import EstimatorParams
+from surefoot.services.estimator.params import EstimatorParams, at_rate
 from surefoot.services.estimator.stream import BEST, NAMES, Estimator
 
 if TYPE_CHECKING:
@@ -182,6 +182,7 @@ def estimator(
     feet: int | None = None,
     refused: Literal["raise", "count"] = "raise",
     names: Iterable[str] = (BEST,),
+    imu_hz: float = 100.0,
 ) -> Estimator:
     """Return an estimator that is fed sample by sample.
 
@@ -191,10 +192,12 @@ def estimator(
         refused: policy for a sample that cannot be used: raise a FieldError, or return the reason, count it and go on.
         names: estimators that run; of `names()` those that need no whole log: all but the last ones, which `run` alone
             has for comparison.
+        imu_hz: samples of the inertial unit per second, 10 to 10 000: gaps and rests are found by it.
 
     Raises:
-        FieldError: unknown names, names of `run` alone, or neither robot nor feet.
+        FieldError: unknown names, names of `run` alone, another rate, or neither robot nor feet.
     """
+    rate = number(imu_hz, "imu_hz", "Hz", low=10.0, high=10_000.0)
     kind = StrictEstimator if choice(refused, "refused", ("raise", "count")) == "raise" else CountingEstimator
     if not np.iterable(names) or not (listed := tuple(names)):
         raise FieldError("missing", "names", f"got {shown(names)}, expected names of estimators")
@@ -203,9 +206,9 @@ def estimator(
         raise FieldError("missing", "robot, feet", f"got {shown(robot)} and {shown(feet)}, expected one of both")
     if robot is None:
         mount = bare_mount(whole(feet, "feet", low=1, high=MOST_FEET))
-        return kind(mount, EstimatorParams(), names=chosen)
+        return kind(mount, at_rate(EstimatorParams(), rate), names=chosen)
     known = robot if isinstance(robot, Robot) else load_robot(robot)
-    params = EstimatorParams.from_robot(known)
+    params = at_rate(EstimatorParams.from_robot(known), rate)
     return kind(foot_mount(known), params, names=chosen, points=contact_points(known) if params.soles else None)
 
 

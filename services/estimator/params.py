@@ -103,6 +103,20 @@ class EstimatorParams:
         return replace(base, **(values | changes))  # type: ignore[arg-type]
 
 
+def at_rate(params: EstimatorParams, imu_hz: float) -> EstimatorParams:
+    """Return the parameters of an inertial unit with another rate of samples and the same noise density.
+
+    Args:
+        params: parameters with one sample each `imu_period_ns`.
+        imu_hz: samples of the inertial unit per second.
+    """
+    period_ns = round(1e9 / imu_hz)
+    more = math.sqrt(params.imu_period_ns / period_ns)
+    names = ("sigma_w", "sigma_q", "standstill_gyro_sd", "standstill_acc_sd")
+    noises = {name: more * float(getattr(params, name)) for name in names}
+    return replace(params, imu_period_ns=period_ns, **noises)  # type: ignore[arg-type]
+
+
 def _reach(robot: Robot) -> float:
     """Return the longest distance from a hip to its foot centre in the neutral stance, m."""
     feet = foot_positions(robot.model, robot.neutral)

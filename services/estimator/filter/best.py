@@ -21,8 +21,12 @@ from .layout import M, X
 from .log import LogInputs, LogRows, follow_log
 from .noise import FIXED, BestLimits, BestNoise, BestSetting
 from .replay import bring_up, clear, new_replay
+from .samples import EXTERNAL_CAPACITY
 from .state import FRAME, fit_in, new_state
 from .summary import QUAT, R, condition, summary
+
+MOST_WAITING = EXTERNAL_CAPACITY // 2
+"""Largest number of samples that wait for the next request of an estimate; then the state takes them."""
 
 
 class BestOutput(NamedTuple):
@@ -144,12 +148,20 @@ class BestFilter:
 
     def __setstate__(self, parts: FilterParts) -> None:
         self.parts, self._box = parts, boxed(parts)  # the same arrays
+        self._waiting = 0
         self.outdate()
 
     def outdate(self) -> None:
         """Drop the stored output and condition after a sample, so that their next request computes them anew."""
         self._output: BestOutput | None = None
         self._condition: Condition | None = None
+
+    def _keep_up(self) -> None:
+        """Take the stored samples into the state before there are so many that the oldest would be lost."""
+        self._waiting += 1
+        if self._waiting > MOST_WAITING:
+            report(self._box)
+            self._waiting = 0
 
     def imu(self, stamp_ns: int, w: Array, q: Array, clipped: bool) -> int:
         """Take an inertial sample; return the index of its result in `RESULTS`: taken, or the reason why not.
@@ -161,6 +173,7 @@ class BestFilter:
             clipped: True if an axis was at the end of its range.
         """
         self.outdate()
+        self._keep_up()
         code = take_imu(self._box, stamp_ns, w, q, clipped, OK)
         if RESTART <= code <= STEPPED:
             self._restart(stamp_ns)
@@ -177,6 +190,7 @@ class BestFilter:
             contact: probability of contact at each of S switches of a foot, (L, S), NaN = unknown.
         """
         self.outdate()
+        self._keep_up()
         code = take_feet(self._box, stamp_ns, position, rot, contact, OK)
         if RESTART <= code <= STEPPED:
             self._restart(stamp_ns)
@@ -192,6 +206,7 @@ class BestFilter:
                 `ExternalLayout`; NaN = not in this sample.
         """
         self.outdate()
+        self._keep_up()
         self.frame()
         return take_external(self._box, stamp_ns, row)
 
@@ -231,6 +246,7 @@ class BestFilter:
             rows, more, covariance, pose, slipping, expressed, standing, settled, quiet, flags = report(self._box)
             g, v, position, v_odom, gyro_bias, acc_bias, (yaw, _, _), fit = rows
             nis, excess, _ = fit.tolist()
+            self._waiting = 0
             self._output = BestOutput(
                 g, v, covariance, position, more[:QUAT], v_odom, pose, gyro_bias, acc_bias, more[QUAT:], float(yaw),
                 nis, excess, standing, settled, slipping, expressed, flags, quiet,

@@ -7,10 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from surefoot.errors import SurefootError
+from surefoot.estimation import estimator
 from surefoot.geometry.constants import GRAVITY
 from surefoot.lab.estimation.log import Log
 from surefoot.lab.estimation.track import LogRunner, track
 from surefoot.lab.estimation.units import check_units, turned_by_feet
+from surefoot.robot.reader import load_robot
+from surefoot.services.estimator.output import OdometryPose
+from surefoot.services.estimator.params import EstimatorParams, at_rate
 from tests.lab.estimation.rigid import CORNERS, HEIGHT, all_closed, columns, logged, smooth, standing
 
 
@@ -229,12 +233,46 @@ def test_feet_that_sink_do_not_lift_the_robot(sink: float) -> None:
     assert any(reason.startswith("feet sink by") for reason in runner.estimate().reasons)
 
 
-def test_a_robot_that_turns_slowly_is_not_at_rest_for_a_fast_inertial_unit() -> None:
+def turned_slowly() -> Log:
+    """Four feet that stand while the trunk turns by 0.32 rad in 8 s; 1000 inertial samples a second."""
+
     def turns(t: np.ndarray) -> np.ndarray:  # 0.04 rad/s: the feet move by 0.5 mm in 50 samples
         return columns(0.0, 0.0, 0.04 * np.clip(t - 2.0, 0.0, 8.0))
 
-    log = logged(12.0, lambda t: columns(0.0 * t, 0.0, HEIGHT), turns, standing, all_closed, period_s=0.001)
+    return logged(12.0, lambda t: columns(0.0 * t, 0.0, HEIGHT), turns, standing, all_closed, period_s=0.001)
+
+
+def test_a_robot_that_turns_slowly_is_not_at_rest_for_a_fast_inertial_unit() -> None:
+    log = turned_slowly()
     found = track("best", replace(log, sensors={"imu_period_ns": 1_000_000, "kinematics_period_ns": 2_000_000}))
     assert found.pose is not None
     assert found.yaw[-1] == pytest.approx(0.32, abs=3.0 * np.sqrt(found.pose[-1, 5, 5]))
     assert found.yaw[-1] == pytest.approx(0.32, abs=0.01)
+
+
+def fed(log: Log, asked_every: int) -> OdometryPose:
+    """The pose by an estimator that is fed sample by sample and asked for its pose every so many and at the end."""
+    live = estimator(feet=4, imu_hz=1000.0)
+    feet = iter(zip(log.foot_ns.tolist(), log.foot_position, log.foot_rot, log.contact, strict=True))
+    for i, (stamp, w, q) in enumerate(zip(log.stamp_ns.tolist(), log.w, log.q, strict=True)):
+        live.imu(stamp, w, q)
+        if stamp % 2_000_000 == 0:
+            live.feet(*next(feet))
+        if i % asked_every == asked_every - 1:
+            live.pose()
+    return live.pose()
+
+
+def test_an_estimator_that_is_not_asked_loses_no_sample() -> None:
+    log = turned_slowly()
+    pose, often = fed(log, 10**9), fed(log, 100)
+    assert pose.yaw == often.yaw == pytest.approx(0.32, abs=0.01)
+    assert (pose.position == often.position).all()
+
+
+def test_parameters_of_another_rate_have_the_same_noise_density() -> None:
+    params = EstimatorParams.from_robot(load_robot("ragno"))
+    assert at_rate(params, 100.0) == params
+    assert at_rate(params, 400.0).sigma_w == pytest.approx(2.0 * params.sigma_w)
+    with pytest.raises(SurefootError, match="imu_hz: got 0"):
+        estimator(feet=4, imu_hz=0.0)
