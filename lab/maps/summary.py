@@ -89,12 +89,11 @@ def copied(world: FloorLandmarks) -> int:
 
 def _grid(grid: FloorGrid, radius: float) -> Summary:
     number(radius, "radius", "m", low=0.0)
-    widest, half = WIDEST * grid.cell, (0.5 * min(grid.shape) + 1.0) * grid.cell  # wider robots stand nowhere either
-    keep = min(radius, half)
-    if keep > widest:
-        text = f"got {radius:g} m, allowed on cells of {grid.cell:g} m is at most {widest:g} m, {WIDEST} of them"
+    widest = WIDEST * grid.cell
+    if radius > widest:
+        text = f"got {radius:g}, allowed is 0 to {widest:g} m, {WIDEST} cells of {grid.cell:g} m"
         raise InvalidField("radius", text)
-    costs = prepare(grid, Clearance(radius=keep, comfort=keep), lasting=False)
+    costs = prepare(grid, Clearance(radius=radius, comfort=radius), lasting=False)
     sizes = np.bincount(costs.region.ravel())[1:]
     largest = float(sizes.max()) / grid.cells.size if sizes.size else 0.0
     facts = {

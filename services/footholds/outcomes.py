@@ -37,7 +37,7 @@ def sample_at(
     """
     surface = ground.surface
     row, col = surface.index(*planned)
-    found = window_features(surface.z, row, col, 1, 1, np.array(stroke), surface.cell)
+    found = window_features(ground.even, row, col, 1, 1, np.array(stroke), surface.cell)
     around = np.empty((PATCH, PATCH), dtype=np.float32)
     patch(ground.even, row - PATCH // 2, col - PATCH // 2, around)
     rise = 1e6 * (around.astype(np.float64) - float(around[PATCH // 2, PATCH // 2]))
