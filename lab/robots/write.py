@@ -134,13 +134,14 @@ def stand_on(made: Imported, robot: Robot) -> None:
         robot: robot description made from these tables; its neutral posture is used if the robot can stand in it.
     """
     if robot.nlegs == 2:
-        _stand_on_two(made, robot)
-        return
-    if not can_stand(robot):
+        if not _stand_on_two(made, robot):
+            return
+    elif can_stand(robot):
+        made.assumed += doubts_of_axes(robot)
+        _bend(made, robot, standing(robot, made.home))
+    else:
         made.missing.append("gait: walks need six joints a leg of two legs, or three a leg of more")
         return
-    made.assumed += doubts_of_axes(robot)
-    _bend(made, robot, standing(robot, made.home))
     most = torque_limit(robot)
     for name, servo in made.tables["servos"].items():
         if servo["max_torque"] > MOST_TORQUE * most:
@@ -151,17 +152,22 @@ def stand_on(made: Imported, robot: Robot) -> None:
             servo |= {"kp": STIFFNESS * most, "kv": DAMPING * most, "max_torque": most}
 
 
-def _stand_on_two(made: Imported, robot: Robot) -> None:
-    """Add gait and standing posture of a robot with two legs, if its legs are of the kind that walks; else a note."""
+def _stand_on_two(made: Imported, robot: Robot) -> bool:
+    """Add gait and standing posture of a robot with two legs; if its legs are not of the kind that walks, a note.
+
+    Returns:
+        True if the legs are of that kind.
+    """
     try:
         gait = gait_on_two(robot)
         q = BipedWalker(robot, BipedParams.for_robot(robot, **gait)).servos.stance
     except RobotError as error:
         made.missing.append(f"gait: {error}")
-        return
+        return False
     made.tables["gait"] |= gait
     if not made.home:
         _bend(made, robot, q)
+    return True
 
 
 def _bend(made: Imported, robot: Robot, q: Array) -> None:

@@ -169,3 +169,9 @@ def test_notes_that_differ_in_a_name_only_are_one_line():
         "kp of j0, j1, j2 and 9 more: full torque; better: kp", "gait: from the legs", "torque of a: 3 Nm",
     ]  # fmt: skip
     assert _grouped(["foot of l: box at body 'l'"]) == ["foot of l: box at body 'l'"]
+
+
+def test_a_torque_that_stands_for_none_is_replaced_on_two_legs_too(bring_in):
+    made, robot = bring_in(biped().replace('effort="60"', 'effort="10000"'))
+    assert any(text.startswith("torque of") for text in made.assumed)
+    assert max(joint.servo.max_torque for joint in robot.joints) < 100.0
