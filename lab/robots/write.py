@@ -140,7 +140,7 @@ def stand_on(made: Imported, robot: Robot) -> None:
         made.assumed += doubts_of_axes(robot)
         _bend(made, robot, standing(robot, made.home))
     else:
-        made.missing.append("gait: walks need six joints a leg of two legs, or three a leg of more")
+        made.missing.append("gait: walks on four or six legs need three joints a leg")
         return
     most = torque_limit(robot)
     for name, servo in made.tables["servos"].items():

@@ -198,7 +198,7 @@ class WindowCosts(NamedTuple):
     """True if the cost Q is the mean of P + k K4 over the free cells of 3 x 3, False if that of the single cell."""
     raised: Layer | None = None
     """`mean` with unknown ground under the disc of the foot as slip 1, P + U (1 - P), which takes the place of P in Q,
-    no unit, (rows, cols); None = no ground is unknown."""
+    no unit, (rows, cols); None = `mean` stays."""
 
     def q(self, mask: Mask) -> Layer:
         """Return the cost Q of every cell, no unit, (rows, cols): the choice is the free cell of the least one.
