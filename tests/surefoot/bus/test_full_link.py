@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 from zenoh.handlers import RingChannel
@@ -26,9 +28,10 @@ os.kill(os.getpid(), signal.SIGSTOP)
 """
 
 
-def test_a_client_that_does_not_read_its_replies_holds_others_for_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before, the router waited 5 s for room on the full link, and other clients got no answer meanwhile."""
-    monkeypatch.setattr(options, "CLOSE_FULL_US", options.CLOSE_FULL_US // 4)
+@contextmanager
+def beside_a_full_link(close_us: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], bool]]:
+    """Give a function that asks the peer for its health beside a stopped client full of replies: was it answered?"""
+    monkeypatch.setattr(options, "CLOSE_FULL_US", close_us)
     net = Net()
     answer = HealthReply(health=Health(service="walker", instance="x" * REPLY_BYTES, state="running", pid=1))
     peer = net.open("peer")
@@ -49,9 +52,23 @@ def test_a_client_that_does_not_read_its_replies_holds_others_for_a_moment(monke
         try:
             assert stuck.stdout is not None
             assert stuck.stdout.readline() == b"asked\n"
-            assert all(answered() for _ in range(20))
+            yield answered
         finally:
             stuck.kill()
             stuck.wait()
             stuck.stdout.close()
     net.close()
+
+
+def test_a_client_that_does_not_read_its_replies_holds_others_for_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The router closes the full link; from then on every request of others is answered."""
+    with beside_a_full_link(options.CLOSE_FULL_US // 4, monkeypatch) as answered:
+        wait_until(answered)
+        assert all(answered() for _ in range(20))
+
+
+def test_others_wait_for_as_long_as_the_full_link_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a link that is never closed others get nothing: it is the closing that helps them."""
+    with beside_a_full_link(60 * options.CLOSE_FULL_US, monkeypatch) as answered:
+        wait_until(lambda: not answered())
+        assert not answered()
