@@ -98,8 +98,8 @@ class Message(Header):
     def stamped(self, stamp_ns: int, tick: int, epoch: int, seq: int, source: str) -> Self:
         """Return this message under a filled-in header.
 
-        Fills in the header of this very object, which only its maker holds: a copy would cost
-        more than the validation did. ``relabelled`` makes the copy.
+        The object itself is changed although messages are frozen: nothing else refers to it yet, and a copy would
+        cost more than the validation. ``relabelled`` returns a copy instead.
         """
         vars(self).update(stamp_ns=stamp_ns, tick=tick, epoch=epoch, seq=seq, source=source)
         return self

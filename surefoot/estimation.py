@@ -190,8 +190,8 @@ def estimator(
         robot: name, path or description; None for feet that are given as positions.
         feet: their number, without a robot.
         refused: policy for a sample that cannot be used: raise a FieldError, or return the reason, count it and go on.
-        names: estimators that run; of `names()` those that need no whole log: all but the last ones, which `run` alone
-            has for comparison.
+        names: estimators that run: those of `names()` that work sample by sample; its last ones need a whole log and
+            are accepted by `run` only.
         imu_hz: samples of the inertial unit per second, 10 to 10 000: gaps and rests are found by it.
 
     Raises:

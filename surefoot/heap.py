@@ -53,7 +53,8 @@ def hand_back() -> None:
 def hand_back_growth() -> None:
     """Let a thread return freed memory if that of this process has grown by `GROWN_BYTES`; call it now and then.
 
-    What a large message needed would else stay with each process that it went through: 60 MB of one of 60 MB.
+    Otherwise each process through which a large message passed would keep the memory that it needed, 60 MB for a
+    message of 60 MB.
     """
     now = _resident()
     _least_bytes[0] = min(now, _least_bytes[0] or now)

@@ -78,8 +78,8 @@ class PoseFilter:
     ) -> None:
         """Predict pose and covariance after a motion of the robot.
 
-        The turn is spread over the motion, and so is its error: the end of the path errs to the side by half the error
-        of the turn times the distance, and is correlated with the heading by it (to first order).
+        The turn is spread evenly over the motion, and so is its error. To first order the end of the path is therefore
+        off sideways by distance times half the error of the turn, which correlates place and heading.
 
         Args:
             forward: distance along the heading half-way through the turn, m.
@@ -160,8 +160,8 @@ def plan(
 
     `clearance` is the exact least distance of the route, from its start on, from the squares of occupied or unknown
     cells and from the edge of the grid, at most `radius` + 0.2 m. It is less than `radius` in two cases: the start or
-    the goal is closer itself; or there is no other way and this one is less than 0.21 cells closer, to a corner. Ways
-    are searched over centres of cells, so a door whose middle lies between these is passed if it is wide enough by one.
+    the goal itself is closer than that; or the only way passes a corner, closer than `radius` by up to 0.21 cells. Ways
+    are searched over centres of cells, so a door whose middle lies between two centres must be one cell wider.
 
     Args:
         floor: of `grid`; cells of 1 mm to 10 m.

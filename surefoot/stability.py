@@ -84,8 +84,8 @@ def region(
 def margin(where: ContactSet | Region, com: ArrayLike) -> float:
     """Return the distance of the centre of mass from the edge of the region, m: negative outside of it.
 
-    -inf: the robot falls, and how far from the edge is not known: there is no region, or one without bounds elsewhere.
-    inf: it falls nowhere. In a region without bounds, as between walls, rays search the nearest edge.
+    -inf: the robot falls, and the distance to the edge is unknown, as there is no region or it has no bounds. inf: the
+    contacts hold the robot at any place. In a region without bounds, as between walls, rays search the nearest edge.
 
     Args:
         where: contacts, or their region, which saves its computation.

@@ -207,7 +207,7 @@ def verify(
         progress: called with the share that is done, 0 to 1.
 
     Raises:
-        SurefootError: see `RecordedRun.again`.
+        SurefootError: the robot is not known here or has changed since, and the recording has no copy of it.
     """
     altered = () if run.recording.damage else _altered(run)
     with kept(keep) as target:

@@ -37,9 +37,9 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def open_closed_streams() -> None:
-    """Open input, output and errors that are closed, as of a program started by another that closed them, at nothing.
+    """Open standard input, output and error at the null device if they are closed, as a parent process may leave them.
 
-    The first file or connection that the process opens would else take their number, and get what is printed.
+    Otherwise the first file or connection that the process opens would take their number, and get what is printed.
     """
     for number in (0, 1, 2):
         try:

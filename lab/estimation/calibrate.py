@@ -254,7 +254,8 @@ def proven(found: LegCalibration) -> LegCalibration:
     """Return the calibration with only those parameters that the log proves; others stay as log or robot file states.
 
     Mounting and lever that are not proven are left out first, for a description states them better than a short walk
-    shows them; then the least proven half at a time, for parameters that look alike hide each other.
+    shows them. Then the least proven half of the rest is left out repeatedly, as parameters of similar effect hide each
+    other.
     """
     found = alike(found)
     while True:

@@ -6,8 +6,8 @@ difference d = x_f - x_b,
 
     K = P_f (P_f + P_b)^-1,   x = x_f - K d,   P = D (P_f - K P_f) D       (Fraser & Potter 1969)
 
-The biases are part of x because a tilt and a bias of the accelerometer are hardly known apart from each other, only
-together. D is diagonal: where the two passes differ by more than their covariances allow, chi^2 of d over its degrees
+The biases are part of x because the samples show tilt and accelerometer bias mostly as a sum, hardly each by
+itself. D is diagonal: where the two passes differ by more than their covariances allow, chi^2 of d over its degrees
 of freedom, as a mean over a second, is above 1; the published covariance of g, v and each bias grows by that factor.
 
 Heading is the sum of the changes in both passes, each weighted by the inverse variance of its gyro bias about the

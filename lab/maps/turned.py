@@ -6,9 +6,9 @@ by s and set off by (u, v), shows a feature at
     z = d + T(d) ((p, q) + R^T (f, g)) + s J d + (u, v),        T(d) = h I + d d^T / h
 
 in heading axes, d the true place there, h the height of the camera. With X the place of the feature in the map and a
-pose of position t and rotation R, R z + t less its mean over the sightings of a feature is linear in the seven. The
-same way there and back shows all of them; along one way a tilt shows itself as a feature that moves while the robot
-nears it.
+pose of position t and rotation R, R z + t less its mean over the sightings of a feature is linear in the seven. A walk
+there and back along one way shows all of them; a walk in one direction shows a tilt by features that seem to move while
+the robot comes closer.
 """
 
 import math

@@ -123,7 +123,7 @@ def doubts_of_axes(robot: Robot) -> list[str]:
 
 
 def turns_first(robot: Robot, leg: int) -> bool:
-    """Return True if the first axis of a leg is vertical in the neutral posture: the leg of an insect, not of a dog."""
+    """Return True if the first axis of a leg is vertical in the neutral posture, as of a yaw-pitch-pitch leg."""
     link = robot.joints[robot.legs[leg].joints[0]].link
     return abs(float((forward(robot.model, robot.neutral)[0][link] @ robot.links[link].axis)[2])) > ALONG
 

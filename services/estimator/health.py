@@ -109,7 +109,7 @@ def is_quiet(c: Condition) -> bool:
 def reasons(
     c: Condition, silent: Mapping[str, float], unit: str, last_bad: str, slipping: NDArray[np.bool_]
 ) -> tuple[str, ...]:
-    """Return the reasons of an estimate's flags in words, the gravest first; empty: the robot walks and all is well.
+    """Return the reasons of an estimate's flags in words, the gravest first; empty: no fault, and the robot walks.
 
     Args:
         c: numbers from which the flags follow.

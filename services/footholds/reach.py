@@ -19,7 +19,7 @@ def leg_table(model: KinematicModel, leg: int) -> LegTable:
     """Return a leg as 32 numbers for the kernels.
 
     0-2 hip, base_link, m; 3-4 cos and sin of the heading; 5-7 coxa, femur, tibia, m; 8-11 cos, sin of the coxa's lower
-    and upper limit; 12 whether its range exceeds 180 deg; 13-16 and 17 so for the femur; 18-19 smallest and largest
+    and upper limit; 12 whether its range exceeds 180 deg; 13-17 the same for the femur; 18-19 smallest and largest
     distance of the foot from the femur joint, m; 20 whether the knee may bend at all; 21-31 are 0. A roll-pitch-pitch
     leg has another table, with 21 not 0. NaN (a leg without closed form) makes every point unreachable.
     """

@@ -63,9 +63,9 @@ class Relief(NamedTuple):
 def scale_of(raw: HeightMap, surface: HeightMap) -> int:
     """Return the scale of a map, the number of cells on each side of a plane, 1 to 4: the noisier the map, the larger.
 
-    `raw`: map as received; `surface`: the map after the median filter. The noise is what the filter moved the heights
-    by: the median over all cells, of a map of many cells over some of them, spread alike about its middle. A map that
-    is turned or mirrored has the same scale.
+    `raw`: map as received; `surface`: the map after the median filter. The noise is the median, over the cells, of the
+    change of their heights by the filter, m. Of a large map every n-th row and column counts, chosen symmetrically
+    about its middle, so that a turned or mirrored map has the same scale.
     """
     step = max(1, math.isqrt(raw.z.size // LOOKED_AT))
     cells = np.ix_(*(_spread(n, step) for n in raw.shape))

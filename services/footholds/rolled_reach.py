@@ -29,10 +29,10 @@ def rolled_table(model: KinematicModel, leg: int) -> LegTable:
     """Return a roll-pitch-pitch leg as 32 numbers for the kernels; NaN where the leg is of another kind.
 
     0-2 hip, base_link, m; 3-4 the foot's way beside and the femur joint's above the first axis, 5 their distance, 6-7
-    femur, tibia, m; 8-11 cos, sin of the first joint's limits, 12 its range: 0 below, 1 above half a turn, 2 all; 13-17
-    so for the femur, from z towards x; 18-19 smallest and largest distance of the foot from the femur joint, m; 20
-    whether the knee may bend at all; 21-22 side along z, bend of the knee, each 1 or -1; 23-31 rot_base_from_hip row by
-    row.
+    femur, tibia, m; 8-11 cos, sin of the first joint's limits, 12 its range: 0 = below half a turn, 1 = above, 2 = a
+    whole turn; 13-17 the same for the femur, angles from z towards x; 18-19 smallest and largest distance of the foot
+    from the femur joint, m; 20 whether the knee may bend at all; 21-22 side along z, bend of the knee, each 1 or -1;
+    23-31 rot_base_from_hip row by row.
     """
     table, rolled = np.full(LEG_NUMBERS, np.nan), model.rolled
     femur, tibia = (float(value) for value in rolled.segment[leg])

@@ -16,8 +16,8 @@ anew: the ground has moved, or the cell lies on an edge. Published is the varian
     v + t d^2 + (D_z' - D_z) + g^2 ((D_xy' - D_xy) + d^2 (D_yaw' - D_yaw)),
 
 with the slope g of the map in the cell, the distance d of the cell from the robot, and the variance t of the tilt. A
-tilt that is wrong by a constant turns map and path of the robot alike, so neither how far away a cell was when it was
-seen nor the height that the odometry loses by that tilt counts (`MapPose.free`).
+constant error of the tilt turns the map and the robot's path alike. So the distance at which a cell was seen does not
+count, nor does the error of height that the odometry gathers by that tilt (`MapPose.free`).
 """
 
 import math

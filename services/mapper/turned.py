@@ -5,9 +5,9 @@ axes through the camera changes that by w . J, so that each step of Gauss and Ne
 
     w = -(sum k J J^T)^-1 sum k J e,   J = (a_y + g_y a_z, -a_x - g_x a_z),   k = 1 / (1 + (e / s)^2),
 
-with s of the size of the residuals e, so that new objects on the ground count little. The slopes mean nothing while
-the points lie far from their places: the first steps take them for 0. A turn about the vertical is not estimated:
-level ground does not show it. A scale x of the depths is estimated likewise, x -= sum k J e / sum k J J with
+with s of the size of the residuals e, so that new objects on the ground count little. As long as the points lie far
+from their true places the slopes there are of no use: the first steps set them to 0. A turn about the vertical is not
+estimated: level ground does not show it. A scale x of the depths is estimated likewise, x -= sum k J e / sum k J J with
 J = a_z - g . (a_x, a_y).
 """
 

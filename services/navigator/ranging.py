@@ -15,11 +15,11 @@ ECHO_SLACK = 0.25
 
 
 def take_range(reach: Range, localiser: Localiser, maps: Maps, now: float) -> tuple[bool, bool]:
-    """Enter a ranger reading into the local map and the check of the pose; return what it forbids and asks for.
+    """Enter a ranger reading into the local map and the check of the pose; return which motions it restricts.
 
     Only turns are allowed where the ranger or a bumper shows an obstacle close ahead (Osswald et al.), unless it is a
     wall of the map beside a way that is free straight ahead. The robot steps back from what presses a bumper, and from
-    what the map lacks where it is closer still.
+    an obstacle that the map lacks if that is very close (`Conduct`).
 
     Args:
         reach: reading of the ranger.

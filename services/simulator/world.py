@@ -214,7 +214,7 @@ class PhysicsWorld:
 
     @property
     def diverged(self) -> str:
-        """Quantities that MuJoCo found not finite or huge since the reset; then it restarts robot and clock."""
+        """Names of the quantities that MuJoCo found infinite or huge since the reset; empty: the physics are valid."""
         if self.data.time - self._settled_s > (self.steps - 0.5) * STEP_NS * 1e-9:
             return ""
         warning, kind = self.data.warning, mujoco.mjtWarning

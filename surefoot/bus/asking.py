@@ -39,7 +39,7 @@ MOST_REFUSED = 1024
 
 
 class Answered:
-    """Answers to one query, which threads of Zenoh add and the sender of the query takes; few wait at a time.
+    """Answers to one query: threads of Zenoh add them, the sender of the query takes them; few are kept at a time.
 
     An answer with the right seal is kept always. Of others `MOST_OF_ONE` of each process are kept, so that a process
     which answers without end costs no memory.
@@ -55,7 +55,7 @@ class Answered:
         self._counts: Counter[str] = Counter()
 
     def put(self, reply: zenoh.Reply) -> None:
-        """Add an answer; it is dropped after `close`, or if too many of its process came without a seal."""
+        """Add an answer; it is dropped after `close`, or if its process has sent too many without the right seal."""
         if not self._open:
             return
         if _sealed(reply, self._asked, self._secret):
@@ -95,7 +95,7 @@ class Answered:
 
 
 class Asking:
-    """Sender of the queries of one Zenoh session; it keeps which process owns the queries of each service.
+    """Sender of the queries of one Zenoh session; it remembers which process owns the queries of each service.
 
     Args:
         session: session of Zenoh.

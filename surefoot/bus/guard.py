@@ -47,7 +47,7 @@ class Guard:
     def on_token(self, service: str, instance: str) -> None:
         """Record a token: messages of a service whose process has a sealed name must be sealed from now on.
 
-        The name of the driver is sealed for another service, whose token its process shows, too.
+        The process of the driver shows two tokens under one name: `driver`, and its own service, whose seal it carries.
         """
         if born_ms(self._secret, service, instance):
             self._names.add(instance)
@@ -61,10 +61,10 @@ class Guard:
             self._services.add(DRIVER)
 
     def passes(self, owner: str, message: Sealed) -> bool:
-        """Return whether a message of a service may be read; one without its seal, or that came before, is counted.
+        """Return whether a message of a service may be read; unsealed and repeated messages are refused and counted.
 
-        One that a later message of its key has overtaken is counted as late and not read either: reports of ticks,
-        heartbeats and maps hold until the next.
+        A message that arrives after a later one of its key is counted as late and not read either, as reports of
+        ticks, heartbeats and maps hold only until the next.
         """
         if owner not in self._services:
             return True
@@ -83,7 +83,7 @@ class Guard:
         return not code
 
     def owns(self, key: str, owner: str, payload: bytes) -> bool:
-        """Return whether a message comes on the key of the service that it names as its source, or names none.
+        """Return whether a message came on the key of the service that it names as its source; True if it names none.
 
         The last word of a key such as ``@tick/walker`` is that service.
         """

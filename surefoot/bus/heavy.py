@@ -29,7 +29,7 @@ class Heavy:
         self._stretch: dict[str, int] = {}
 
     def look(self) -> list[LinkTrouble]:
-        """Return the clients that have sent the largest message and more, each once for as many bytes again."""
+        """Return the clients that sent more bytes without a pause than the largest message has; restart their count."""
         info = self._session.info
         others = {str(name) for name in (*info.peers_zid(), *info.routers_zid())}
         found = self._counters()

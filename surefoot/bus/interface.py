@@ -290,13 +290,13 @@ class Bus(Protocol):
     def watch(self, sink: Callable[[Life], Any], services: Iterable[str] | None = None) -> None:
         """Deliver a notice whenever a process of a service appears or leaves; first one for each that is there.
 
-        A bus that knows the services of its system may leave out processes of others than ``services`` (None: than
-        those of the system).
+        A bus that knows the services of its system may leave out processes of services that are not in ``services``
+        (None: the services of the system).
         """
         ...
 
     def add_watched(self, service: str) -> None:
-        """Deliver such notices of one more service, too, to all who watch."""
+        """Deliver notices of processes of one more service that appear or leave to all sinks of `watch`."""
         ...
 
     def look_at_links(self) -> "list[LinkTrouble]":

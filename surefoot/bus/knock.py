@@ -1,4 +1,4 @@
-"""Early answer for an endpoint at which nothing listens: Zenoh tries for 8 s, also where each try is refused."""
+"""Early detection of an endpoint at which nothing listens: Zenoh tries for 8 s, even if each try is refused."""
 
 import socket
 import time
@@ -10,13 +10,13 @@ PAUSE_S = 0.1  # between two connections
 
 
 def nothing_listens(endpoint: str, patience_s: float = REFUSED_S) -> bool:
-    """Return True if a TCP or TLS endpoint refuses every connection for a time, False at once where one is not refused.
+    """Return True if a TCP or TLS endpoint refuses every connection for `patience_s`; False once one is not refused.
 
-    False also for other kinds of endpoints, and where no answer comes, as from a host that is off or begins to run.
+    False also for other kinds of endpoints, and if no answer comes, as from a host that is switched off or starting.
 
     Args:
         endpoint: Zenoh endpoint, e.g. ``tcp/127.0.0.1:7447``.
-        patience_s: that time, s.
+        patience_s: time for which all connections must be refused, s.
     """
     kind, _, place = endpoint.partition("/")
     host, _, port = place.rpartition(":")

@@ -117,12 +117,12 @@ def _more_descriptors() -> None:
 
 @contextmanager
 def reading_threads(endpoint: ZenohOptions) -> Generator[None]:
-    """Give the first session of this process, if it is a router, enough threads to read; others keep Zenoh's number.
+    """Context manager in which a session that opens as a router gets more reading threads; others keep Zenoh's number.
 
-    A router may have more descriptors, too, as each connection of a client is one.
+    It also raises the limit of open file descriptors for a router, as each connection of a client takes one.
 
-    Zenoh takes the number from the environment, where one that the user has set is kept, and processes that are started
-    later do not find it.
+    Zenoh reads the number of threads from the environment. A value that the user has set there is kept; otherwise the
+    variable is removed at the end, so that processes started later do not inherit it.
     """
     if endpoint.mode == "router":
         _more_descriptors()

@@ -50,7 +50,7 @@ def _is_name(service: str) -> bool:
 
 
 class Foreign:
-    """Limit on the tokens under names of no service that a reader gets; those beyond it are counted only.
+    """Filter of liveliness tokens under names of no service: the first few are passed on, all others only counted.
 
     Args:
         known: names of the services of the system, and others whose tokens are all passed on.
@@ -136,7 +136,8 @@ class Tokens:
     def add(self, service: str) -> None:
         """Watch the tokens of one more service, if that can be its name.
 
-        Of more than `MOST_ADDED` such names the oldest without a token is given up; if all have one, nothing is added.
+        At most `MOST_ADDED` names are added. Then the oldest without a token is dropped; if all have one, nothing is
+        added.
         """
         if self._everything or service in self._keep or not _is_name(service):
             return

@@ -1,4 +1,4 @@
-"""Check of whose statuses confirm an emergency stop: those of the driver, and of no other process.
+"""Check that a status which confirms an emergency stop comes from the driver and from no other process.
 
 The module imports neither numpy nor the schemas, as it runs in `surefoot stop`.
 """

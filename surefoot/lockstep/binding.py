@@ -43,7 +43,7 @@ class Bindings:
     Args:
         born_ms: returns when a process of a service got its sealed name, 0 = its name is not sealed.
         counts: counter of refusals by reason, to which late frames are added; None = one of its own.
-        look_for: called with the name of a service of which a process asks to join that is not visible.
+        look_for: called with the name of a service if a process of it that is not visible requests to join.
     """
 
     def __init__(
@@ -152,12 +152,13 @@ class Bindings:
             self._seals[service] = seal
 
     def opened(self, frame: Frame) -> list[Delivery]:
-        """Return the messages of a frame; of a late one, which is counted, without tests of links (primes).
+        """Return the messages of a frame; a late frame is counted, and its tests of links (primes) are left out.
 
-        A late prime may be one of a run that is over, and is sent again anyway; of all other messages the tick decides.
+        A late prime may belong to a run that is over, and primes are repeated anyway. Whether another late message is
+        used is decided by the number of its tick.
 
         Raises:
-            Refusal: as `Frame.deliveries` and `check_seal`.
+            Refusal: the frame cannot be decoded, its sender is not bound, or its seal is absent or repeated.
         """
         deliveries = frame.deliveries(self.bound.get(frame.owner) == frame.instance)
         if self.check_seal(frame):
@@ -186,7 +187,8 @@ class Bindings:
     def fault_of(self, frame: Frame) -> str:
         """Return why a frame is not the newest that its process published, "" if nothing shows that.
 
-        `forged` it has no seal, `replayed` it came before or is too old to know, `late` it did not come before.
+        `forged`: it has no seal; `replayed`: it came before, or is too old for that to be known; `late`: a newer frame
+        came first, and this one comes for the first time.
         """
         place = frame.owner, frame.instance
         if place not in self._sealed:

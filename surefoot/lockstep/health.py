@@ -66,6 +66,6 @@ def health_of(node: Patient, waiting_for: tuple[str, ...]) -> Health:
 
 
 def join_request(node: Patient) -> JoinRequest:
-    """Return the request of a service to join the run, that is to be put on the driver's roster."""
+    """Return the request of a service to join the run, by which the driver puts it on its roster."""
     configuration = config_hash(node.service.config)
     return JoinRequest(service=node.name, instance=node.instance, version=VERSION, config_hash=configuration)

@@ -211,8 +211,8 @@ class Join:
         """Accept the run (epoch) of a manifest by which the driver lets services test their links (prime).
 
         Returns:
-            Whether the service may report ready. A service that has done ticks of a run which the driver has not begun
-            was misled by another process: it forgets them, and is ready after `MISLED_PRIMES` such manifests.
+            True if the service may report ready. If it has done ticks of a run that the driver has not begun, another
+            process sent them: they are forgotten, and the result is True after `MISLED_PRIMES` such manifests.
         """
         epoch = prime.epoch
         if epoch < self.epoch:

@@ -11,8 +11,8 @@ from surefoot.schemas.topics import CONFIG_GET, CONFIGURE, Query
 def config_queries(service: Service[Any]) -> tuple[Query[Any, Any], ...]:
     """Register the handlers of the two queries about the configuration of a service, and return the queries.
 
-    Both run between ticks, so that no tick uses two values. A recording holds a change as a line of the log only: a
-    repeat of such a run differs from then on.
+    Both run between ticks, so that no tick uses two values. A recording holds a change only as a line of the log, so
+    a repetition of the run does not make the change and differs from that tick on.
     """
 
     def get(_: ConfigRequest) -> ConfigReply:

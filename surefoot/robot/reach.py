@@ -1,4 +1,4 @@
-"""Reasons for which a leg is given no joint angles for a place of its foot: too far, or not by its own solution."""
+"""Reasons why the inverse kinematics of a leg refuses a place of its foot: too far, or not by its closed form."""
 
 import math
 
@@ -16,7 +16,7 @@ STEPS = "by steps from the neutral stance (this kind of leg has no closed form)"
 
 
 def why_missed(model: KinematicModel, leg: int, place: Array) -> str:
-    """Return the reason for which a leg misses a place that its inverse kinematics refuses; empty: it never gets there.
+    """Return the reason in words why inverse kinematics refuses a place of the foot; empty: no joint angles reach it.
 
     The closed forms bend each knee to one side, that of the neutral stance (yaw-pitch-pitch legs: knee up), and keep
     the foot on one side of the first axis, so a place that other angles within the limits reach may be refused.

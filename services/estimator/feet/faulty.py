@@ -46,7 +46,7 @@ class LegFaults:
         self._stamp_ns: int | None = None
 
     def update(self, q: Array, stamp_ns: int, closed: Flags, risen: Array) -> Flags:
-        """Take one sample; return True for legs whose stance, if it ends now, is not to be learned from, (L,).
+        """Take one sample; return True for legs, (L,), whose stance must not be learned from if it ends now.
 
         Args:
             q: joint angles, (nj,) rad.

@@ -8,7 +8,7 @@ the radius of the sphere, n the vertical. What the centre has moved beyond that,
 
 c is the foot centre in `odom`, from joints and odometry, so s holds the drift of the odometry over one stance as well.
 The sum of |d_k| would add up noise (eight times the slip of a walk), the largest distance from the begin does not.
-sigma is the distance by which encoders and odometry seem to move a foot at rest.
+sigma is the apparent displacement of a foot at rest by the noise of encoders and odometry.
 
 Light feet slide with open switches, farthest on slopes: a stance ends when the foot rises, not when its switch opens. A
 step d_k between two open samples may be free fall as well, so w_k is the mean of 1 (closed) and 1/2 (open).

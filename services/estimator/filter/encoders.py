@@ -1,11 +1,11 @@
 """Encoders of the legs: which of them jump, stand still or are swapped with another foot's.
 
-A foot follows a smooth path, so that of four samples at equal steps the middle one of the three steps is the mean of
-the others; it is not if an encoder jumps. A trunk that is thrown moves a foot that stands like that, too, so that such
-a foot is examined without the motion of the trunk, which the inertial unit shows. Two feet of which each jumps to where
-the other was are swapped. A foot on the ground that repeats one sample to the bit while the robot turns and others do
-not stands still, and so do all feet that do so for longer than slow encoders repeat a sample while the rate of the
-robot differs from its mean of the last second, too: the learned bias may be wrong.
+Jump: a foot follows a smooth path, so that of the three steps between four samples at equal times the middle one is the
+mean of the others, unless an encoder jumps. A sudden motion of the trunk looks alike at a standing foot, so the motion
+of the trunk by the inertial unit is subtracted there. Swap: each of two feet jumps to where the other was. Still: a
+foot on the ground repeats one sample to the bit while the robot turns and other feet do not repeat theirs; or all feet
+repeat theirs for longer than slow encoders do, while the rate of the robot also differs from its mean of the last
+second (as its bias may be wrong).
 """
 
 import math

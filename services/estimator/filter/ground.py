@@ -8,8 +8,8 @@ at t_i, and h_(i-1) the last height under the foot that landed before,
 
 with decaying sums S, is the speed of sinking. It counts from `least_sink` on, and beyond `sink_slopes` times the climb
 of a slope of the ground, as far as feet that stand together show or hide one, `most_slope` at most. All standing points
-then share a random walk of their height, s `sink_walk`, and levels of the ground take the rest off: without a turn of
-the trunk, and the velocity learns it as its lag (`follow`).
+then share a random walk of their height, s `sink_walk`. The height that is still wrong is corrected by known levels of
+the ground (`level`), without a turn of the trunk, and the velocity by its lag (`follow` in `update`).
 """
 
 import math

@@ -14,8 +14,8 @@ twice as much; two have switches that are swapped. While the robot shows no weig
 whose encoders always jump as its switch changes, and then without it, has a wrong switch, too.
 
 The contact of a foot whose switch is wrong is decided by its height. A foot whose encoders stand still is left out,
-feet that are swapped are taken the other way round. Jumps are outliers, which the filter leaves out one by one; of more
-than two feet the one that jumps is left out. All of it is a function of the samples in the order of their stamps.
+samples of swapped feet are exchanged. Jumps are outliers, which the filter leaves out one by one; of more than two feet
+the one that jumps is left out. All results depend on the samples and their stamps only, not on their order of arrival.
 """
 
 import math

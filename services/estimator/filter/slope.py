@@ -21,9 +21,9 @@ from .state import BestState
 
 @kernel
 def learn_level_way(memory: Array, x: Array, levelled: bool) -> None:
-    """Add the way since the last landing of a foot to that over level ground, in place.
+    """Add the way since the last landing of a foot to the way D over ground that was taken to be level, in place.
 
-    Landings on no level count less and less: what levels have turned or shifted before is forgotten step by step.
+    With each landing on no level, D shrinks, as the corrections by earlier levels lose their effect.
 
     Args:
         memory: `BestState.memory`, (124,); changed.

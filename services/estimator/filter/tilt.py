@@ -111,12 +111,12 @@ def check_rest(state: BestState, rows: Array, setting: BestSetting) -> None:
 
 @kernel
 def check_tilt(state: BestState, setting: BestSetting, lost: bool) -> None:
-    """Correct the tilt when the velocity is lost again and again, or once and feet are left out since, in place.
+    """Correct the tilt if the velocity is lost repeatedly, or once and feet have been left out since, in place.
 
-    With a tilt that is wrong by a, the velocity by the inertial unit runs away from the feet with 9.81 sin a m/s^2
-    until it is lost, and again. If a is small, it is lost once, and feet are blamed for what the inertial unit does.
-    The mean specific force in odom since the first loss, in the second case less what the velocity shows of it, points
-    up, up to what a walk accelerates.
+    If the tilt is wrong by the angle a, the velocity by the inertial unit leaves that of the feet with 9.81 sin a m/s^2
+    until it is lost, repeatedly. If a is small, it is lost once, and then feet are taken to be faulty. The mean
+    specific force in odom since the first loss, in the second case less the change of the velocity, points up within
+    the accelerations of a walk.
 
     Args:
         state: state of the filter after a sample of the feet; changed.
@@ -145,13 +145,13 @@ def check_tilt(state: BestState, setting: BestSetting, lost: bool) -> None:
 def check_start(state: BestState, contact: Array, dt: float, setting: BestSetting) -> None:
     """Correct the tilt of a rest that the first steps after it contradict, in place.
 
-    The feet correct what a wrong tilt adds to the velocity, always in one direction, so that the excess of the
-    inertial noise rises before the velocity is lost: in the second after a rest to 2 at most where the tilt is right,
-    above 3 within 0.3 s where it is 5 deg wrong. The velocity d that the inertial unit has gained in the time t since
-    the rest, less that which the foot shows that agrees best, then grows as d = a t with a = 9.81 sin of the tilt,
-    while feet that land, or are late, make it oscillate. By least squares, a = S(t d)/S(t^2), and a^2 S(t^2)/S(d^2) is
-    the share of it that grows so, S the sum over samples. Nothing is corrected while a sensor of a leg is suspected: a
-    foot that swings behind a switch that hangs looks like a wrong tilt.
+    A wrong tilt adds velocity in one direction, which the feet correct, so that the excess of the inertial noise rises
+    before the velocity is lost: in the second after a rest to 2 at most if the tilt is right, above 3 within 0.3 s if
+    it is 5 deg wrong. Let d be the velocity that the inertial unit has gained in the time t since the rest, less the
+    velocity by the foot that agrees best. A wrong tilt makes it grow as d = a t with a = 9.81 sin of the error, while
+    feet that land, or whose samples are late, make it oscillate. By least squares a = S(t d)/S(t^2), and
+    a^2 S(t^2)/S(d^2) is the share of d that grows linearly, S the sum over samples. Nothing is corrected while a sensor
+    of a leg is suspected: a swinging foot whose switch stays closed looks like a wrong tilt.
 
     Args:
         state: state of the filter after a sample of the feet; changed.

@@ -144,8 +144,8 @@ class LearnedModel:
     def scaled(self, factor: float) -> Self:
         """Return the model for a robot of `factor` times the size, on cells of `factor` times the edge.
 
-        Inputs and slip have no unit, so the terms stay: on ground of the same shape, measured in feet, a foot slides
-        by the same share of its stroke. That is an assumption about weight and friction, not a measurement.
+        Inputs and slip have no unit, so the terms stay: on ground of the same shape relative to the size of the foot, a
+        foot slides by the same share of its stroke. That is an assumption about weight and friction, not a measurement.
         """
         c = self.conditions
         larger = replace(c, cell=factor * c.cell, foot_radius=factor * c.foot_radius, robot="", robot_hash="")

@@ -5,8 +5,8 @@ left of its path the body sways, m. A landmark at distance r and bearing a, seen
 
     r + (h^2 + r^2)/h (p cos a + q sin a) - w sin a   and   a + h/r (q cos a - p sin a) - w cos a / r,
 
-to first order. Each is first-order Gauss-Markov: after a time t the share exp(-t / fade) is left of it, and noise makes
-up for it. Frames that share an error are so not taken for independent ones.
+to first order. Each is first-order Gauss-Markov: after a time t the share exp(-t / fade) of it is left, and noise is
+added that keeps its variance. So frames that share an error do not count as independent measurements.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Odds that a robot is at another place than believed, by landmarks that agree on that place.
 
-A single detection that fits another place is often false; two or more in the arrangement that landmarks have at one
-other place hardly are. The last frames are searched for such places as those of a lost robot are (`places`). With E_p
+A single detection that fits another place is often false; two or more whose arrangement fits one other place rarely
+are. The last frames are searched for such places, by the method for a lost robot (`places`). With E_p
 the evidence of place p for a robot that may be anywhere, N the normal density of its offset from the believed pose,
 Sigma the sum of the covariances of both, and L the evidence of the sightings one by one at the believed pose,
 

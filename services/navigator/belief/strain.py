@@ -2,7 +2,7 @@
 
 Five cases are weighed,
 
-    right     the map fits the floor, the camera looks where it is stated to look, both but for small errors
+    right     the map fits the floor, the camera looks where it is stated to look, both apart from small errors
     strained  the map is stretched or sheared: a landmark at d in it lies at (1 - E) d, E symmetric (2, 2)
     tilted    the camera is pitched by p and rolled by q from where it is stated to be (see `common_errors`)
     aside     it is turned to the side: bearings are s too large

@@ -1,8 +1,8 @@
 """Local map of obstacles that a ranger detects and the static map does not hold; they expire.
 
 An echo at r m in a cone is explained if the map, or a mark, has an obstacle in the cone no farther than r and a slack.
-One that is not marks the cells of its arc; an empty cone clears the cells in it, and a mark that is not seen again is
-forgotten.
+An echo that is not explained marks the cells of its arc; an empty cone clears the cells in it, and a mark that is not
+seen again is forgotten.
 """
 
 import math

@@ -179,10 +179,10 @@ def planner_numbers(world: Arrays) -> Array:
     """Return the parameters by which the planner allows for uncertainty, (8,), no unit, tuned in simulation.
 
     They are the shares of the belief's standard deviations (position, heading, drift) over which values are averaged,
-    and the weight of what a stand (pause for the camera) gains; the rest is 0. Averaging over the full belief turns too
-    late, because each value supposes that the pose is known after one action. A stand serves more than the next
-    decision: more so on arcs, and most where switching makes stands rare. They were chosen on random stream 1 with the
-    robot of Osswald et al., drift 0 to 8 deg, normal and blurred.
+    and the weight of what a stand (pause for the camera) gains; the rest is 0. Averaging over the full belief makes the
+    robot turn too late, because each value supposes that the pose is known after one action. A stand serves several
+    decisions, more of them on arcs, and most of them if stands are rare as changes of action cost time. The numbers
+    were chosen on random stream 1 with the robot of Osswald et al., drift 0 to 8 deg, normal and blurred.
     """
     numbers = np.zeros(NUMBERS)
     numbers[[SPREAD_XY, SPREAD_HEADING, SPREAD_DRIFT, SIGHT_SHARE]] = 0.5, 0.4, 0.8, 2.0

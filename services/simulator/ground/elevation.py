@@ -1,4 +1,4 @@
-"""Ground that was not made here: the elevation model of the Jacksboro fault in the sample data of matplotlib.
+"""Ground of real land: the elevation model of the Jacksboro fault in the sample data of matplotlib.
 
 344 x 403 heights of real land, one a cell, scaled so that the highest is `amp` above the lowest. It continues beyond
 its edges as its own mirror image; the seed turns it over and moves it. Where matplotlib came without its sample data,

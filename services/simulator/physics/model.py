@@ -32,7 +32,7 @@ TRUNK_DOF = slice(0, 6)  # of the free joint: velocity in the world (3), angular
 
 @dataclass(frozen=True)
 class Physics:
-    """Contact and integration settings: feet creep by 0.006 mm/s on 15 deg of slope and sink in by 0.03 mm."""
+    """Contact and integration settings; with the defaults feet creep 0.006 mm/s on a slope of 15 deg, sink 0.03 mm."""
 
     timestep: float = 1e-3  # s
     gravity: float = GRAVITY  # m/s2
@@ -45,7 +45,7 @@ class Physics:
 
 @dataclass(frozen=True, eq=False)
 class Perturbation:
-    """Differences of the simulated robot and floor from the description; scales and offsets, some one per joint."""
+    """Differences of the simulated robot and floor from the description: scales and offsets, some one per joint."""
 
     trunk_mass_scale: float = 1.0
     trunk_com_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m

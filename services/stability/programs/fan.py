@@ -57,7 +57,7 @@ class FanGoal(NamedTuple):
 
 
 class Outlook(NamedTuple):
-    """Progress towards a goal of a fan of directions after those solved so far."""
+    """Progress of a fan of directions towards its goal: best value so far, bound on it, and best direction."""
 
     best: float
     """Largest distance of outer from inner polygon (ENCLOSE); smallest h(a) - a'p of support values h (APPROACH)."""

@@ -27,7 +27,7 @@ def line_region(region: Region, ends: Support, held: tuple[Array, Array], direct
     """Return the region of contacts on one line that is not vertical.
 
     Args:
-        region: what is kept of it: contacts, calls, cone programs.
+        region: region whose contacts, number of solver calls and cone programs the result keeps.
         ends: support values along the line, of two opposite unit directions.
         held: place (2,) m of the centre of mass, and forces (n, 3), shares of the weight, that hold it there.
         direction: unit directions of the support values to return, (k, 2).

@@ -151,7 +151,7 @@ class RunFolder:
         return found if found is not None and found.alive() else None
 
     def write_rows(self, rows: Sequence["ServiceStatus"]) -> bool:
-        """Store the rows of `surefoot status`, one a service; return as `_note`."""
+        """Store the rows of `surefoot status`, one per service; return False if they cannot be written."""
         return self._note("status.json", [row.model_dump(include=ROW) for row in rows])
 
     def read_rows(self) -> list[dict[str, Any]]:
@@ -179,7 +179,7 @@ class RunFolder:
             return 0.0
 
     def write_processes(self, processes: Mapping[str, Identity]) -> bool:
-        """Store the identity of each service's process, by which a later supervisor finds them; return as `_note`."""
+        """Store the identity of each service's process, for a later supervisor; return False if that fails."""
         return self._note("processes.json", {name: identity._asdict() for name, identity in processes.items()})
 
     def processes(self) -> dict[str, Identity]:

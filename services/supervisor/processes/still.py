@@ -13,8 +13,8 @@ MOST_TICKS = 3.0
 class Still:
     """Record of the heartbeats of the driver, from which the time without a tick is known.
 
-    Only heartbeats count, so that a tick or a reset that takes long, in which none comes, is no such time; nor is a
-    pause, a run that has ended, or one that waits for services and reports which.
+    Time is measured between heartbeats, so a long tick or reset, in which no heartbeat comes, does not count. Neither
+    does a pause, a run that has ended, or one that waits for services and reports which.
     """
 
     def __init__(self) -> None:

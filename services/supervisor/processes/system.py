@@ -95,7 +95,7 @@ class System:
         return tuple(self._services)
 
     def prepare(self) -> None:
-        """Begin to import the services in a process of which each is a fork; nothing starts until it has."""
+        """Start a process that imports the services, from which each is forked; no service starts before it is done."""
         self._forks = fork_server(self._services.values())
 
     def heard(self, service: str, pid: int, *, well: bool) -> None:

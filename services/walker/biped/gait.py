@@ -1,6 +1,6 @@
 """The biped walker: one call per control tick, from estimates and joints to servo set-points.
 
-WAIT (no joints) -> RISE -> STAND <-> START -> STEP ...; FOLD -> FALLEN when all is lost. The plan is open loop in odom:
+WAIT (no joints) -> RISE -> STAND <-> START -> STEP ...; FOLD -> FALLEN if it falls. The plan is open loop in odom:
 footsteps, a ZMP reference with double support, preview control, CoM iteration over all links, closed-form legs,
 compensation of the servos' sag and lag. Feedback: the trunk's rate at the standing ankles, and its unplanned tilt,
 which sets the swinging foot down and shortens the next step.

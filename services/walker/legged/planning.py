@@ -173,7 +173,7 @@ def end_pose(
 ) -> BodyPose | None:
     """Return the trunk pose at the end of the step, at the wanted or the nearest reachable height; None = no such.
 
-    A height at which the swings reach their tops too is preferred.
+    Heights at which the swinging feet also reach the tops of their swings are preferred.
 
     Args:
         frame: robot, settings, ground.

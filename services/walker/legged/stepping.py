@@ -24,12 +24,12 @@ KEPT = 2.0 / 3.0  # of a lean, in which a foot that will lift keeps its load: th
 def advance(state: WalkerState, robot: Robot, params: WalkerParams, dt: float, tilt: Array) -> bool:
     """Move trunk and feet by one tick of the planned step, `dt` s; return True if the step is done.
 
-    The trunk moves evenly over the step, of a leaning gait in the time before the swing, while all feet stand; the feet
-    that will lift give their load to the others at the end of the way, or the trunk would tip when they do. Feet that
-    find no ground at their landing go on down while the trunk waits. In a leaning gait so does each foot that touches
-    nothing after a landing, while the trunk moves back from its lean, and when the trunk has come over it; none lifts
-    before: three feet carry only if all of them bear. `tilt`: estimated roll and pitch of the trunk, (2,) rad. `state`
-    and the landings of its plan are changed in place.
+    The trunk moves evenly over the step. In a leaning gait it moves before the swing, while all feet stand, and the
+    feet that will lift pass their load to the others at the end of that movement, so that the trunk does not tip. A
+    foot that finds no ground at its landing is lowered further while the trunk waits. In a leaning gait a foot without
+    contact after a landing is also lowered while the trunk moves back from its lean, and once the trunk is over it; no
+    foot lifts before it has contact, since three feet carry the trunk only if all of them bear load. `tilt`: estimated
+    roll and pitch of the trunk, (2,) rad. `state` and the landings of its plan are changed in place.
     """
     s, p, plan = state, params, state.plan
     assert plan is not None
