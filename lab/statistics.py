@@ -171,7 +171,7 @@ def resampled(groups: Sequence[Any], statistic: Callable[[Sequence[Any]], float]
     Args:
         groups: for example the stances of each walk.
         statistic: function that returns the figure of a selection of groups.
-        count: of bootstrap samples; those that give NaN are left out.
+        count: number of bootstrap samples; those that give NaN are left out.
     """
     rng = np.random.default_rng(0)
     many = [statistic([groups[k] for k in rng.integers(0, len(groups), len(groups))]) for _ in range(count)]

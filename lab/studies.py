@@ -111,7 +111,7 @@ def study(
             module, so that processes can import it.
         jobs: what to run.
         results: file to continue with; None = nothing is kept.
-        processes: at a time; None = one for each core.
+        processes: number of processes at a time; None = one for each core.
         show: called with each new line as it is finished.
 
     Raises:

@@ -27,7 +27,7 @@ class Background:
     """One thread that computes the answers to requests, one after the other in their order.
 
     Args:
-        name: of the thread.
+        name: name of the thread.
     """
 
     def __init__(self, name: str) -> None:

@@ -230,7 +230,7 @@ def connect(robot: str = "ragno", endpoint: str | None = None, fleet: str = "sur
 
     Args:
         robot: second part of the keys' prefix.
-        endpoint: of the router; None = SUREFOOT_CONNECT, else SUREFOOT_LISTEN, else ``tcp/127.0.0.1:7447``.
+        endpoint: that of the router; None = SUREFOOT_CONNECT, else SUREFOOT_LISTEN, else ``tcp/127.0.0.1:7447``.
         fleet: first part of the keys' prefix.
 
     Raises:

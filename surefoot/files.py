@@ -79,7 +79,7 @@ def find(kind: str, name: str, suffix: str, error: type[FileError]) -> Path:
     Args:
         kind: "compose" or "scenarios".
         name: a path, returned as it is, or a bare name such as `ragno`, searched for in the folders of the kind.
-        suffix: of the file, such as `.toml`.
+        suffix: suffix of the file, such as `.toml`.
         error: raised with code `not_found` if no folder has the name.
     """
     path = Path(name)

@@ -84,7 +84,7 @@ class PoseFilter:
         Args:
             forward: distance along the heading half-way through the turn, m.
             left: distance to the left of that heading, m.
-            turn: rad, left positive.
+            turn: change of heading, rad, left positive.
             sd: standard deviations of forward and left, m, and turn, rad, (3,).
 
         Raises:
@@ -107,7 +107,7 @@ class PoseFilter:
         """Correct the pose by a measured landmark, and return the normalised innovation squared (2 degrees of freedom).
 
         Args:
-            place: of the landmark, (2,) m, frame map.
+            place: place of the landmark, (2,) m, frame map.
             distance: measured distance, m.
             bearing: measured angle, rad, left of the heading positive.
             sd: standard deviations of distance, m, and bearing, rad, (2,), above 0.
@@ -164,10 +164,10 @@ def plan(
     are searched over centres of cells, so a door whose middle lies between two centres must be one cell wider.
 
     Args:
-        floor: of `grid`; cells of 1 mm to 10 m.
-        start: (2,) m, frame map.
-        goal: (2,) m, frame map.
-        radius: of the robot, m.
+        floor: result of `grid`; cells of 1 mm to 10 m.
+        start: start of the route, x and y, (2,) m, frame map.
+        goal: end of the route, x and y, (2,) m, frame map.
+        radius: radius of the robot, m.
         leg: largest distance of two waypoints, m.
 
     Raises:

@@ -37,7 +37,7 @@ class StrictWorld(PhysicsWorld):
         """Reset the world to tick 0, the robot at rest in a stance; equal arguments give equal bits.
 
         Args:
-            seed: of sensors and faults, >= 0; None = the last one.
+            seed: seed of sensors and faults, >= 0; None = the last one.
             pose: x, y in m and yaw in rad of the trunk before it settles, (3,); None = where it was at first.
             stance: joint angles that are held, (nj,), rad; None = neutral.
 
@@ -72,8 +72,8 @@ class StrictWorld(PhysicsWorld):
         """Plan a push: a force at the centre of mass of a link.
 
         Args:
-            force: (3,) N, world axes, at most 100 times the weight of the robot.
-            duration: s, in whole ticks.
+            force: force vector, (3,) N, world axes, at most 100 times the weight of the robot.
+            duration: duration of the push, s, rounded to whole ticks.
             body: name of a link; "trunk" is base_link.
             start_tick: first tick; the next one if that has passed.
 
@@ -179,7 +179,7 @@ def world(
     Args:
         robot: name, path or description.
         terrain: kind of ground, see `terrain.generate`.
-        seed: of ground and sensors.
+        seed: seed of ground and sensors.
         friction: coefficient of the ground; None = the simulator's own.
 
     Raises:

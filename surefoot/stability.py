@@ -40,7 +40,7 @@ def contacts(points: ArrayLike, normals: ArrayLike | None = None, friction: Arra
 
     Args:
         points: places of contact, (n, 3) m, gravity-aligned frame.
-        normals: of the ground, towards the robot, (n, 3), any length but zero; None = level ground.
+        normals: normals of the ground, towards the robot, (n, 3), any length but zero; None = level ground.
         friction: static coefficients, (n,) or one for all, 0 to 1e4; inf = unlimited.
 
     Raises:
@@ -61,8 +61,8 @@ def region(
     """Return the region in which the centre of mass may be: `status`, `inner` and `outer` polygons (m, 2) m, `gap` m.
 
     Args:
-        contacts: of `contacts`.
-        directions: in which the region is bounded, (k, 2); None = as many as the tolerance needs.
+        contacts: result of the function `contacts`.
+        directions: directions in which the region is bounded, (k, 2); None = as many as the tolerance needs.
         tolerance: largest distance of the outer from the inner polygon, m.
         limit: largest number of directions.
 
@@ -131,9 +131,9 @@ def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array |
     None: no forces within the friction cones hold it.
 
     Args:
-        contacts: of `contacts`.
+        contacts: result of the function `contacts`.
         com: place of the centre of mass, (2,) m.
-        weight: of the robot, N; 1 = forces as shares of the weight.
+        weight: weight of the robot, N; 1 = forces as shares of the weight.
 
     Raises:
         FieldError: an argument that cannot be used.

@@ -51,12 +51,12 @@ def foothold(
     """Return the best place for a foot on a patch of ground whose middle is the origin.
 
     Args:
-        heights: (ny, nx) m, NaN = unknown, 3 to 301 cells a side.
+        heights: heights of the patch, (ny, nx) m, NaN = unknown, 3 to 301 cells a side.
         cell: edge of a cell, m.
         stroke: movement of the foot relative to the body in the coming stance, (3,) m.
-        foot_radius: m; None = that of the model.
+        foot_radius: radius of the foot sphere, m; None = that of the model.
         nominal: where the foot would land without a choice, (2,) m; on the patch.
-        model: of the slip; None = that of Ragno. It is scaled to the cells of the patch.
+        model: model of the slip; None = that of Ragno. It is scaled to the cells of the patch.
         allowed: cells that the leg can reach, (ny, nx); None = all. How deep a cell lies does not count: the bottom of
             a pit is ground like any other unless it is left out here, or unknown.
 
@@ -92,7 +92,7 @@ def generate(kind: str = "rough", seed: int = 0, amplitude: float | None = None)
 
     Args:
         kind: name of a ground, e.g. flat, rough, hills, steps, demo.
-        seed: of the random kinds.
+        seed: seed of the random kinds.
         amplitude: height the kind scales with, m; None = the kind's own.
 
     Raises:
@@ -109,8 +109,8 @@ def save(heightmap: HeightMap, path: str | PathLike[str], **extra: str | int | f
     """Write `<path>.npz` (map and extras) and `<path>.json` (header and digest); return the path of the first.
 
     Args:
-        heightmap: to be written.
-        path: with or without `.npz`.
+        heightmap: map to write.
+        path: path of the file, with or without `.npz`.
         extra: how the map came to be, such as kind and seed; kept in both files.
 
     Raises:

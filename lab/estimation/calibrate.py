@@ -119,7 +119,7 @@ class StanceProblem:
     """Least-squares problem of calibration: places of standing feet as functions of the unknowns theta of a log.
 
     Args:
-        log: with feet.
+        log: log with feet.
         unknowns: parameters, in the order of theta.
         windows: most windows of the log that are used.
     """
@@ -217,7 +217,7 @@ def calibrate(log: Log, unknowns: Sequence[Unknown] | None = None, windows: int 
     """Return the calibration of a log: parameters of legs, mounting and time offset by least squares.
 
     Args:
-        log: with feet; a robot and joints make links and joints parameters of their own.
+        log: log with feet; a robot and joints make links and joints parameters of their own.
         unknowns: parameters to estimate; None = all that the log can have.
         windows: most windows of the log that are used.
     """

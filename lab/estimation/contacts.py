@@ -43,7 +43,7 @@ def by_force(force: Array, on: float, off: float) -> tuple[Flags, float]:
     they usually do, and half of `off`, the most loaded one stands, and others that carry about as much.
 
     Args:
-        force: (m, F) N.
+        force: forces on the feet, (m, F) N.
         on: force from which a foot stands, N.
         off: force below which it does not stand any more, N.
 
@@ -75,9 +75,9 @@ def mean_up(stamp_ns: Ints, acc: Array, foot_ns: Ints) -> Array:
     """Return the direction of the mean specific force around each foot sample, (m, 3), axes of the IMU.
 
     Args:
-        stamp_ns: of the inertial rows, (n,) ns.
+        stamp_ns: stamps of the inertial rows, (n,) ns.
         acc: specific force, (n, 3) m/s^2, axes of the IMU; rows that are not finite do not count.
-        foot_ns: of the foot samples, (m,) ns.
+        foot_ns: stamps of the foot samples, (m,) ns.
     """
     period = float(np.median(np.diff(stamp_ns))) if len(stamp_ns) > 1 else 1e9 * UP_S
     half = max(1, round(0.5e9 * UP_S / max(period, 1.0)))

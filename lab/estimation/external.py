@@ -36,8 +36,10 @@ def externals_of(columns: Columns, rot_base_from_imu: Array, notes: list[str]) -
     """Return the poses and velocities in a log that come from a camera or the like; None if there are none.
 
     Args:
-        columns: of the log, with those that begin with `external_`: positions (e, 3) m, headings (e,) rad and others.
-        rot_base_from_imu: (3, 3); orientations in the log are those of the IMU, headings those of base_link.
+        columns: arrays of the log by name; those of other sources begin with `external_`: positions (e, 3) m, headings
+            (e,) rad and others.
+        rot_base_from_imu: rotation from IMU to base_link, (3, 3), as orientations in the log are those of the IMU,
+            headings those of base_link.
         notes: gets the number of samples, and of those that cannot be used.
 
     Raises:

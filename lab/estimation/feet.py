@@ -102,8 +102,8 @@ def contacts(columns: Columns, position: Array, given: FeetOptions, notes: list[
     """Return contacts (m, F) and switches (m, F, S) or None, from the columns that show them.
 
     Args:
-        columns: of a log, with flags or forces of the feet.
-        position: of the feet, (m, F, 3) m, IMU axes; shows contacts where nothing else does.
+        columns: arrays of a log, with flags or forces of the feet.
+        position: positions of the feet, (m, F, 3) m, IMU axes; shows contacts where nothing else does.
         given: statements on the feet; with `contact_on`, forces count more than flags.
         notes: gets what was assumed.
 
@@ -150,8 +150,8 @@ def shape(
 
     Args:
         given: statements on the feet.
-        columns: of the log.
-        position: of the feet, (m, F, 3) m, IMU axes.
+        columns: arrays of the log.
+        position: positions of the feet, (m, F, 3) m, IMU axes.
         rot: rotation from foot to IMU, (m, F, 3, 3).
         contact: feet that stand, (m, F).
         notes: gets what was assumed.

@@ -225,10 +225,10 @@ def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options
     """Run an estimator over corrupted stretches of a walk, and return counts of what it did.
 
     Args:
-        name: of the estimator.
+        name: name of the estimator.
         log: the walk, with truth.
         trials: number of stretches; every second one has two kinds of corruption at a time.
-        seed: of all draws.
+        seed: seed of all draws.
         starts: number of states, after uncorrupted inputs, that trials begin from.
         options: changes of the estimator's parameters.
     """

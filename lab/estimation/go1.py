@@ -48,7 +48,7 @@ def go1_feet(joints: Array, scale: float = 1.0) -> tuple[Array, Array]:
     """Return centres of the foot balls (n, 4, 3) m, trunk axes, and rotations from calf to trunk (n, 4, 3, 3) of a Go1.
 
     Args:
-        joints: (n, 12) rad, hip, thigh and calf of the legs FL FR RL RR.
+        joints: joint angles, (n, 12) rad, hip, thigh and calf of the legs FL FR RL RR.
         scale: factor on the lengths of the legs.
     """
     hip, foot, _ = _chain(joints, scale)
@@ -63,8 +63,8 @@ def go1_forces(joints: Array, torques: Array) -> Array:
     J is the Jacobian of a foot, tau the torques of its leg.
 
     Args:
-        joints: (n, 12) rad, hip, thigh and calf of the legs FL FR RL RR.
-        torques: of these joints, (n, 12) Nm.
+        joints: joint angles, (n, 12) rad, hip, thigh and calf of the legs FL FR RL RR.
+        torques: torques of these joints, (n, 12) Nm.
     """
     hip, foot, calf = _chain(joints, 1.0)
     about_y = np.stack([foot[..., 2], np.zeros_like(foot[..., 0]), -foot[..., 0]], axis=-1)

@@ -43,7 +43,7 @@ def log_of_columns(name: str, columns: Columns, robot: Robot, **more: Any) -> Lo
     """Return a log from the columns of a recording.
 
     Args:
-        name: of the log.
+        name: name of the log.
         columns: arrays of a recording by name, in SI units.
         robot: description of the robot.
         more: other fields of the log.

@@ -67,7 +67,7 @@ def estimate(
 
     Args:
         log: what to run over.
-        name: of an estimator of the service or of a referee.
+        name: name of an estimator of the service or of a referee.
         folder: gets one file per quantity, so that memory does not grow with the log.
         smoothed: True = forward and backward, in one piece; memory holds both passes.
         progress: gets the share of the rows that is done.

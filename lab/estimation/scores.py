@@ -57,9 +57,9 @@ def score(log: Log, found: Track, lengths: Sequence[float] = trajectory.LENGTHS_
     """Return the errors of a track against the truth of its log.
 
     Args:
-        log: with truth.
+        log: log with truth.
         found: estimates over the log.
-        lengths: of path for the relative pose error, m; the first that fits is taken.
+        lengths: lengths of path for the relative pose error, m; the first that fits is taken.
     """
     truth, rows = log.known(), log.scored
     error = velocity_error(log, found)
@@ -119,7 +119,7 @@ def _pose_nees(log: Log, found: Track, rows: Flags, off: Array) -> dict[str, flo
     NEES is e^T P^-1 e of an error e with covariance P, as mean over rows.
 
     Args:
-        log: with truth.
+        log: log with truth.
         found: track over it.
         rows: those that are scored, (n,).
         off: estimated less true headings of those rows, rad, (k,).

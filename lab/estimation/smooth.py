@@ -58,7 +58,7 @@ def smooth(name: str, log: Log, **options: Any) -> Track:
     Heading and position are those of the forward pass at its start.
 
     Args:
-        name: of the estimator; `best` alone has a covariance of all that is fused.
+        name: name of the estimator; `best` alone has a covariance of all that is fused.
         log: what to run over, in the order of its stamps.
         options: changes of the parameters of the estimator.
 

@@ -307,9 +307,9 @@ def with_inflation(windows: list[StanceWindow], residuals: list[Array], noise: S
     """Return the windows with the variance of stances that do not fit (a foot slides, a flag is false) made larger.
 
     Args:
-        windows: of the log.
+        windows: windows of the log.
         residuals: places of the standing feet in each window, (N, 3) m, in a frame that falls and does not turn.
-        noise: of stances that fit.
+        noise: noise of stances that fit.
     """
     out: list[StanceWindow] = []
     for window, y in zip(windows, residuals, strict=True):

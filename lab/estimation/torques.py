@@ -33,9 +33,9 @@ def forces_by_torques(robot: Robot, joints: Array, torques: Array, up: Array) ->
     """Return the vertical ground force on each foot, N, by statics of joint torques and link weights.
 
     Args:
-        robot: with the legs and their weight.
-        joints: (m, nj) rad.
-        torques: (m, nj) Nm, of the motors on the joints, positive as the angles.
+        robot: robot description with the legs and their weight.
+        joints: joint angles, (m, nj) rad.
+        torques: torques of the motors on the joints, (m, nj) Nm, positive as the angles.
         up: direction of the vertical, (m, 3), axes of base_link.
 
     Raises:

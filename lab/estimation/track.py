@@ -65,8 +65,8 @@ def track(name: str, log: Log, **options: Any) -> Track:
     Args:
         name: an estimator of the service or a referee (`PEERS`).
         log: what to run over.
-        options: of a service estimator: changes of its parameters, `hypotheses` = False, `joint` = True for `best`;
-            of a referee: changes of its noise.
+        options: options by name. Of a service estimator: changes of its parameters, `hypotheses` = False, `joint` =
+            True for `best`; of a referee: changes of its noise.
 
     Raises:
         SurefootError: there is no such estimator.
@@ -186,7 +186,7 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
         name: of the estimator or referee.
         log: what to run over. In pieces only if its inertial rows arrive in their order.
         rows_each: inertial rows of a piece; None = all in one.
-        options: of the estimator, by name, which `track` takes.
+        options: options of the estimator by name, as of `track`.
 
     Yields:
         The rows, and the track over them; `refused` counts from the beginning.

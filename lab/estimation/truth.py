@@ -27,7 +27,7 @@ def truth_of(columns: Columns, notes: list[str]) -> TrueMotion | None:
     """Return the true motion of the IMU if position and orientation are known, else None.
 
     Args:
-        columns: of the log; without `true_velocity` the velocity is that of the positions.
+        columns: arrays of the log; without `true_velocity` the velocity is that of the positions.
         notes: gets the window behind that velocity, and how much of the truth is not scored.
 
     Raises:
@@ -68,7 +68,7 @@ def held_rows(position: Array, rot: Array, seconds: Array, window_s: float) -> F
     """Return the rows (n,) at which the truth repeats a pose of another time, or whose velocity comes from such a row.
 
     Args:
-        position: of the IMU, (n, 3) m, world.
+        position: positions of the IMU, (n, 3) m, world.
         rot: rotation from IMU to world, (n, 3, 3).
         seconds: times of the rows, (n,) s.
         window_s: time over which velocities are taken from positions, s.
@@ -92,9 +92,9 @@ def over_window(v: Array, seconds: Array, window_s: float) -> Array:
     A velocity from captured positions lacks motion faster than its window; smoothing makes an estimate comparable.
 
     Args:
-        v: (n, 3) m/s, world.
+        v: velocities, (n, 3) m/s, world.
         seconds: times of the rows, (n,) s.
-        window_s: of the truth, s; one that is shorter than five rows leaves the velocities as they are.
+        window_s: window of the truth's velocity, s; shorter than five rows: the velocities are returned unchanged.
     """
     period = float(np.median(np.diff(seconds))) if window_s > 0.0 and len(v) > 1 else 0.0
     if period == 0.0 or not 5 <= rows_of(window_s, period) <= len(v):
@@ -118,7 +118,7 @@ def slopes(values: Array, rows: int, period: float) -> Array:
 
     Args:
         values: (n, k), any unit; the derivative is in that unit per s.
-        rows: of a window, odd, 5 to n.
+        rows: number of rows of a window, odd, 5 to n.
         period: between two rows, s.
     """
     half = rows // 2
@@ -140,7 +140,7 @@ def velocity_of(position: Array, rot: Array, seconds: Array, acc: Array) -> tupl
     for differences of neighbours.
 
     Args:
-        position: of the IMU, (n, 3) m, world.
+        position: positions of the IMU, (n, 3) m, world.
         rot: rotation from IMU to world, (n, 3, 3).
         seconds: times of the rows, (n,) s.
         acc: specific force, (n, 3) m/s^2, IMU axes.

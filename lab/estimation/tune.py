@@ -54,8 +54,8 @@ def tune(name: str, logs: Sequence[Log], measure: str = "rmse") -> dict[str, Any
     """Return the noise parameters of an estimator that give the least mean error over some logs, found by search.
 
     Args:
-        name: of an estimator; for those without noise the result is empty.
-        logs: to score; one configuration for all.
+        name: name of an estimator; for those without noise the result is empty.
+        logs: logs to score; one configuration for all.
         measure: `rmse` or `smooth` of the score.
 
     Returns:

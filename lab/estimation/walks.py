@@ -50,8 +50,8 @@ def walk(name: str, seed: int, fresh: bool = False) -> RecordedWalk:
     """Return a recorded walk of a simulated robot, from the cache if it is there.
 
     Args:
-        name: of the walk: bioloid, nao, ragno-flat, ragno-rough, or a variant of one.
-        seed: of the scenario.
+        name: name of the walk: bioloid, nao, ragno-flat, ragno-rough, or a variant of one.
+        seed: seed of the scenario.
         fresh: run the scenario again, so that the published estimates are those of the present code.
 
     Raises:

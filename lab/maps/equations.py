@@ -99,7 +99,7 @@ def system(
         seen: detections and odometry.
         track: landmark of each of m detections, (m,).
         poses: x, y (m), heading (rad) of f frames, (f, 3).
-        places: of k landmarks, (k, 2) m.
+        places: places of k landmarks, (k, 2) m.
         common: errors that all detections share, share by which distances by odometry are too long, and the errors of
             the detections of each frame, (c,).
         options: noise.

@@ -166,7 +166,7 @@ def map_of_photograph(
 
     Args:
         path: picture file.
-        width: of the floor that it shows, m.
+        width: width of the floor that it shows, m.
         extractor: finds the features.
         patch: its pixel, m, is the scale at which features are detected.
         per_m2: largest density of features, 1/m^2.

@@ -66,7 +66,7 @@ def closed(looks: list[FloorLook], kind: Kind, least: int, rounds: int = 3) -> t
 
     Args:
         looks: features and poses of the images of a walk, in order.
-        kind: of the descriptors.
+        kind: kind of the descriptors.
         least: number of images that a feature was seen in, at least.
         rounds: number of times that features are tracked and poses improved.
 

@@ -37,8 +37,8 @@ class Sightings:
         """Return the detections corrected for errors that all share, and for those that each frame's detections share.
 
         Args:
-            errors: those that all share, (k,), one for each column of `bends`; (0,) = no correction.
-            sway: those that the detections of each frame share, (n, s), s <= k, for the first s columns of `bends`.
+            errors: errors that all share, (k,), one for each column of `bends`; (0,) = no correction.
+            sway: errors that the detections of each frame share, (n, s), s <= k, for the first s columns of `bends`.
         """
         if not len(errors):
             return self

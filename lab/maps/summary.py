@@ -37,7 +37,7 @@ def summary_of(path: Path, radius: float = 0.15) -> Summary:
 
     Args:
         path: the file.
-        radius: of the robot that is to walk there, m.
+        radius: radius of the robot that is to walk there, m.
 
     Raises:
         Refusal: the file cannot be used at all.

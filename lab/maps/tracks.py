@@ -89,7 +89,7 @@ def track(looks: list[FloorLook], kind: Kind, drift: float, later: bool = True) 
 
     Args:
         looks: features and poses of the images of a walk, in order.
-        kind: of the descriptors.
+        kind: kind of the descriptors.
         drift: share of the distance walked by which poses drift, one standard deviation; 0 = they are exact.
         later: True: features are also recognised in later passages; False: only in the same one.
     """

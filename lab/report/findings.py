@@ -53,7 +53,7 @@ class Reproduction:
 
     Attributes:
         title: what was reproduced.
-        findings: in the order of the paper.
+        findings: rows in the order of the paper.
         figures: files that were written.
         notes: where the paper and this code differ, and why.
     """

@@ -69,7 +69,7 @@ class Row:
 
     Attributes:
         name: key of `METRICS`.
-        value: in the unit of the metric; None when the run has no data on it.
+        value: value in the unit of the metric; None when the run has no data on it.
         limits: (side, limit) pairs that the value was compared with.
         ok: True if all limits are met, False if one is missed or a live run lacks the value; None without a limit, or
             if a recording lacks the value.
@@ -168,9 +168,9 @@ def judge(
 
     Args:
         traces: time series of the run.
-        limits: by key of `LIMITS`.
+        limits: limits by key of `LIMITS`.
         wall_s: wall time between the first and the last tick, for the real-time factor.
-        message_hash: of the run.
+        message_hash: hash of the run.
         comparable: True if runs can be compared by the hash, False if not.
         problems: failures besides missed limits, in words; with any the verdict is not ok.
         notes: remarks for the reader of the report.

@@ -28,7 +28,7 @@ class About:
         description: one sentence.
         seed: seed of the run.
         facts: title and value pairs for the table at the end (versions, files, command to repeat it).
-        limits: by key of `LIMITS`, as in the scenario.
+        limits: limits by key of `LIMITS`, as in the scenario.
         feet: leg names in message order.
         timings: computing time per control tick, by service.
         no_film: reason why there is no replay, in words; empty = not stated.

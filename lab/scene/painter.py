@@ -54,7 +54,7 @@ class Painter:
         """Prepare to paint a scene, with a fixed view or one that follows the robot.
 
         Args:
-            scene: with body, ground and marks.
+            scene: scene with body, ground and marks.
             size: width and height of the pictures, pixels.
             still: middle of a fixed view (3,) m, world, and its width, m; None = the view follows the robot.
         """

@@ -31,7 +31,7 @@ class Shot(NamedTuple):
         speed: simulated time per playing time.
         start, end: part of the recording, s of simulated time; end None = until its end.
         still: True: the camera is fixed; False: it follows the robot.
-        quality: of WebP, 1 to 100.
+        quality: quality of WebP, 1 to 100.
     """
 
     size: tuple[int, int] = (960, 540)

@@ -66,8 +66,8 @@ class StillCamera:
     """Camera of a robot that stands in its neutral stance; the base moves as stated for each image.
 
     Attributes:
-        optics: of the camera.
-        texture: of the floor.
+        optics: optics of the camera.
+        texture: texture of the floor.
     """
 
     optics: Optics
@@ -92,7 +92,7 @@ class StillCamera:
             at: pose x, y, yaw, m and rad.
             ahead: forward speed of base_link, m/s.
             turn: yaw rate of base_link, rad/s.
-            seed: of the image noise.
+            seed: seed of the image noise.
         """
         sensor = ImageSensor(self.optics, self.texture, seed)
         kept = sensor.path.maxlen or 2
@@ -130,7 +130,7 @@ def in_view(world: FeatureMap, patch: Patch, image: CameraImage, pose: CameraPos
         world: map of n features, frame map.
         patch: part of the floor that vision uses, in heading axes of base_link.
         image: gives size, focal length and centre, px.
-        pose: of the camera and of base_link.
+        pose: poses of the camera and of base_link.
     """
     points = np.hstack((world.positions, np.zeros((len(world), 1)))) - pose.position
     local = points @ pose.rot

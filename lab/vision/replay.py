@@ -90,8 +90,8 @@ def images_of(
 
     Args:
         motion: recorded walk.
-        texture: of the floor.
-        seed: of noise and delays.
+        texture: texture of the floor.
+        seed: seed of noise and delays.
         exposure: exposure time, s; None = that of the camera `nao_eyes`.
         faults: faults of the camera.
     """

@@ -200,7 +200,7 @@ class Estimator:
         Args:
             stamp_ns: time at which it holds, ns, not that of its arrival; one of the last half second is put where it
                 belongs.
-            sample: with its own covariances.
+            sample: pose, heading or velocity, with its own covariances.
 
         Returns:
             The result; nothing raises. One that contradicts the estimate is accepted, left out and counted.
@@ -231,8 +231,8 @@ class Estimator:
 
         Args:
             log: all inertial rows, samples of the feet and of another source, SI, IMU axes.
-            order: of arrival of those to be taken, (k,): the number of an inertial row; all inertial rows + the number
-                of a sample of the feet; or all inertial rows and samples of the feet + that of another source.
+            order: inputs to take in their order of arrival, (k,): the index of an inertial row; number of inertial rows
+                + index of a sample of the feet; or number of both + index of a sample of another source.
             first: inertial row of the first estimate.
             n: number of estimates.
             joint: True includes the covariance of g, v and biases.

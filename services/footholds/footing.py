@@ -42,7 +42,7 @@ def footprint(radius: float, cell: float) -> Array:
     """Return the part of a foot's disc that lies on each cell about the one at whose centre it stands, (n, n), sum 1.
 
     Args:
-        radius: of the foot sphere, m.
+        radius: radius of the foot sphere, m.
         cell: edge of a cell, m.
     """
     reach = int(radius / cell + 0.5)

@@ -60,7 +60,7 @@ def select_params(
     """Return the parameters of a choice, and whether it is drawn at random to learn from it.
 
     Args:
-        request: with the mode, and the seed of mode `random`.
+        request: request with the mode, and the seed of mode `random`.
         params: parameters of the choice of footholds, by configuration.
         explore: share of the choices in mode `robust` that are drawn at random.
         draw: seed of that draw, and number of the choice.
@@ -110,7 +110,7 @@ def model_reply(
     """Return the reply on the slip model in use, the number of outcomes for re-learning, and refusals by reason.
 
     Args:
-        model: in use.
+        model: slip model in use.
         weight: k of the distance in the cost, 1/m, by configuration; None = the model's.
         unfit: reason why the chosen model is not in use; empty = it is.
         learner: re-learns the model; None = off.

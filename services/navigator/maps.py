@@ -130,7 +130,7 @@ class Maps:
 
         Args:
             here: where the robot is, x, y in m, frame map.
-            places: to be reached one after the other, m, frame map.
+            places: places to reach one after the other, x, y in m, frame map.
             field: name of the request's field, for the refusal.
 
         Raises:

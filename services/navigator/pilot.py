@@ -387,7 +387,7 @@ class Pilot:
 
         Args:
             name: name of the action.
-            angle: rad, left positive.
+            angle: angle of the turn, rad, left positive.
         """
         one = next(act for act in self.acts if act.kind == "turn")
         times = abs(angle / one.motion.turn)

@@ -54,7 +54,7 @@ def turned(covariance: tuple[float, ...], turn: float) -> tuple[float, ...]:
     """Return a row-major covariance in axes turned about the vertical.
 
     Args:
-        covariance: of x, y, z (m) and yaw (rad), 16 numbers, or of x, y, z and the rotation about x, y, z, 36 numbers.
+        covariance: that of x, y, z (m) and yaw (rad), 16 numbers, or of x, y, z and rotation about x, y, z, 36 numbers.
         turn: turn of the axes of `covariance` against those of the result, rad.
     """
     n = math.isqrt(len(covariance))

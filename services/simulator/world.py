@@ -252,8 +252,8 @@ class PhysicsWorld:
         """Plan a push: a force at the centre of mass of a link.
 
         Args:
-            force: N, world axes.
-            duration: s, in whole ticks.
+            force: force vector, (3,) N, world axes.
+            duration: duration of the push, s, rounded to whole ticks.
             body: a link's name; "trunk" is base_link.
             start_tick: first tick; the next one if that has passed.
 

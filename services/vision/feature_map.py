@@ -88,8 +88,8 @@ def spread(positions: Array, seen: NDArray[np.int64], per_m2: float) -> NDArray[
     """Return ascending indices, (k,), of the features to keep: in each square of 0.25 m those seen in most images.
 
     Args:
-        positions: on the floor, (n, 2) m.
-        seen: images that each was seen in, (n,).
+        positions: places of the features on the floor, (n, 2) m.
+        seen: number of images in which each was seen, (n,).
         per_m2: largest density, features per m^2.
     """
     room: dict[tuple[int, int], int] = {}

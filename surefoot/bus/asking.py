@@ -79,7 +79,7 @@ class Answered:
         """Iterate over the answers, each with whether it has the right seal, until `deadline` or until none can come.
 
         Args:
-            deadline: of the monotonic clock, s.
+            deadline: time at which the wait ends, by the monotonic clock, s.
             meanwhile: called every ``MEANWHILE_S`` of the wait.
         """
         while (left := deadline - time.monotonic()) > 0.0:  # also if answers that do not count come without end

@@ -57,7 +57,7 @@ def issue(folder: Path, identity: str, days: int, hosts: tuple[str, ...] = ()) -
     """Write a new private key and a certificate, signed by the authority, with the common name `identity`.
 
     Args:
-        folder: with the files of the authority; the new files go there, too.
+        folder: folder with the files of the authority; the new files are written there, too.
         identity: service or person.
         days: until the certificate expires; never later than the authority does.
         hosts: names and addresses, besides those of loopback, at which the process of the identity is reached.

@@ -74,7 +74,7 @@ class Replies:
         Args:
             send: sends the reply and closes its query.
             close: closes the query without a reply; called instead where `MOST_SMALL` small replies are queued.
-            size: of the payload, bytes.
+            size: size of the payload, bytes.
         """
         if size < LARGE:
             self._small.put(send if len(self._small) < MOST_SMALL else close, size)

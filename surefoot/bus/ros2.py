@@ -142,7 +142,7 @@ class Ros2Node:
     """A ROS 2 node over Zenoh, for which ROS need not be installed.
 
     Args:
-        name: of the node.
+        name: name of the node.
         router: endpoint of rmw_zenohd, or of a router of surefoot.
         domain: ROS_DOMAIN_ID.
 

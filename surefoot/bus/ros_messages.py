@@ -95,9 +95,9 @@ def odometry_message(pose: Odometry, v: VelocityEstimate, rot_base_from_imu: Arr
     """Return a `nav_msgs/msg/Odometry`: pose, m, in odom and twist, m/s and rad/s, in base_link, with covariances.
 
     Args:
-        pose: of base_link in odom.
+        pose: pose of base_link in odom.
         v: velocity estimate of the same time; its covariance is of gravity and velocity in IMU axes.
-        rot_base_from_imu: (3, 3).
+        rot_base_from_imu: rotation from IMU to base_link axes, (3, 3).
         frames: names of odom and base_link.
     """
     own = np.array(v.covariance, dtype=np.float64).reshape(6, 6)[3:, 3:]
@@ -121,7 +121,7 @@ def base_state_message(
     Position and linear velocity in `frame` (odom), orientation x, y, z, w, angular velocity in axes of base_link.
 
     Args:
-        pose: of base_link.
+        pose: pose of base_link in odom.
         v: velocity estimate of the same time.
         stance: feet that stand: fore left, fore right, hind left, hind right.
         frame: name of odom.

@@ -32,11 +32,11 @@ class RunMemory:
     """File in which a service keeps its state for a restart; errors of the disk are recorded, not raised.
 
     Args:
-        path: of the file; None = nothing is kept.
+        path: path of the file; None = nothing is kept.
         what: name of the state, for messages.
 
     Attributes:
-        path: of the file; None = nothing is kept, or nothing more after an error.
+        path: path of the file; None = nothing is kept, or nothing more after an error.
         problem: text of the last error, for the log of the service, which then sets it to "".
     """
 

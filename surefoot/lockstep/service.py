@@ -116,7 +116,7 @@ class Service(Generic[C]):
         """Publish a declared output; a message in a tick that the rate of its topic leaves out is dropped.
 
         Args:
-            topic: of `outputs`.
+            topic: one of the topics in `outputs`.
             message: its header is filled in.
             stamp_ns: time of the sample, ns; default: that of the tick.
 

@@ -48,9 +48,9 @@ class RecordingWriter:
 
         Args:
             path: MCAP file to write; its folder is made.
-            metadata: of the run.
+            metadata: facts of the run.
             tables: further metadata by name.
-            files: to attach, by name.
+            files: content of the files to attach, by name.
 
         Raises:
             OSError: it cannot be written.

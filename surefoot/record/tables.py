@@ -56,7 +56,7 @@ def checked(columns: Columns, name: str, sort: bool = False) -> Columns:
 
     Args:
         columns: arrays by name; gyro and acc, with t (s) or stamp_ns, are needed.
-        name: of the log, for error messages.
+        name: name of the log, for error messages.
         sort: sort rows by their stamps; otherwise stamps that go back are refused.
 
     Raises:

@@ -245,7 +245,7 @@ def run(cut: Segments, log: Readings, start: PeerStart, state: InekfState, noise
         cut: time of the log, cut at every inertial row and foot sample.
         log: samples of the log.
         start: only its first segment is read.
-        state: at that segment, changed in place.
+        state: state at that segment, changed in place.
         noise: standard deviations.
         track: rows to write, in place.
     """

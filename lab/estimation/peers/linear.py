@@ -143,7 +143,7 @@ def run(
         cut: time of the log, cut at every inertial row and foot sample.
         log: samples of the log.
         start: its first segment and gyro bias are read.
-        state: at that segment, changed in place.
+        state: state at that segment, changed in place.
         noise: standard deviations and gains.
         track: rows to write, in place.
     """

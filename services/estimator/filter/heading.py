@@ -31,7 +31,7 @@ def learn_parting(state: BestState, y: Array, contact: Array, foot: Feet) -> Non
         rate = log(m/m_0)/(2 t),   parting += min(t/T, 1) (rate^2 - parting),   T = `parting_s`
 
     Args:
-        state: of the filter; the mean square rate `parting` in its memory, and in that of its hypotheses, is changed.
+        state: state of the filter; the mean square rate `parting` in its memory and in its hypotheses' is changed.
         y: contact points from the IMU, IMU axes, (K, 3) m.
         contact: probability that each stands, (K,); from one half on a point counts as standing.
         foot: index of the foot of each point, (K,).

@@ -318,7 +318,7 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     """Predict state and covariance over a step of d s by one inertial sample, in place.
 
     Args:
-        state: of the filter; changed: contact points that stand move against the IMU, times and averages continue.
+        state: state of the filter; changed: standing contact points move against the IMU, times and averages continue.
         w: mean gyro over the step, IMU axes, (3,) rad/s.
         q: mean accelerometer over the step, IMU axes, (3,) m/s^2.
         d: length of the step, s.

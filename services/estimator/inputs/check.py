@@ -309,7 +309,7 @@ def check_units(
 
     Args:
         check: what the check of inputs remembers; changed.
-        stamp_ns: of the feet, ns; those that come late are not compared with the gyro, whose turn has gone on.
+        stamp_ns: stamp of the feet, ns; those that come late are not compared with the gyro, whose turn has gone on.
         position: foot centres from the IMU, IMU axes, (L, 3) m.
         rot: rot_imu_from_foot, (L, 3, 3).
         contact: probability of contact of each foot, (L,); NaN = unknown, not compared.

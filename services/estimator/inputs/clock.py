@@ -41,8 +41,8 @@ def check_clock(clock: Stamps, stamp_ns: int, now_ns: int) -> int:
     """Check a stamp of a source against those before it, and update the source's clock by it, in place.
 
     Args:
-        clock: of the source, (6,), zeros at first: newest stamp, ns; 1 if there is one; number of older stamps in a
-            row; the last of them, ns; a stamp far ahead that is not confirmed yet, ns; 1 if there is one. Changed.
+        clock: clock of the source, (6,), zeros at first: newest stamp, ns; 1 if there is one; number of older stamps in
+            a row; the last of them, ns; a stamp far ahead that is not confirmed yet, ns; 1 if there is one. Changed.
         stamp_ns: the stamp, ns.
         now_ns: newest stamp of all sources, ns.
 

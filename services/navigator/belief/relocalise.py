@@ -135,7 +135,7 @@ class Relocaliser:
 
         Args:
             seen: landmarks detected in it.
-            pose: of base_link then, x, y (m) and heading (rad), in a frame that is one for all frames of the camera.
+            pose: pose of base_link then, x, y (m) and heading (rad), in one coordinate frame for all camera frames.
             time: time of the frame, s.
             noise: noise of the camera in this frame; None = that of the constructor.
 

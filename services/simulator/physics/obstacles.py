@@ -31,7 +31,7 @@ class Obstacles:
     """Obstacles of one world: boxes that stand or cross the floor, which no contact moves.
 
     Args:
-        spec: of the world, before it is compiled; each obstacle becomes a body of it.
+        spec: MuJoCo description of the world, before it is compiled; each obstacle becomes a body of it.
         boxes: place, size and movement of each obstacle.
         physics: contact settings.
     """

@@ -128,7 +128,7 @@ def displacement(
         terrain: the ground.
         forward: way along the heading, m.
         left: way across it, m.
-        turn: rad, left positive.
+        turn: change of heading, rad, left positive.
 
     Raises:
         WorldError: the place is in or behind a wall, off the ground, or the ground under the feet is another there.

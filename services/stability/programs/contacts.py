@@ -73,10 +73,10 @@ def contact_set(
     """Return the contacts of a request, checked, with normals of length one.
 
     Args:
-        position: (n, 3) m, gravity-aligned frame, n <= limit.
-        normal: (n, 3), any length but zero.
-        mu: (n,) or one number for all, up to 1e4; inf = unlimited friction (the cone becomes the half-space n'f >= 0).
-        limit: of a pool that many sets share, the size of the pool.
+        position: points of contact, (n, 3) m, gravity-aligned frame, n <= limit.
+        normal: normals of the ground, (n, 3), any length but zero.
+        mu: friction coefficients, (n,) or one for all, up to 1e4; inf = unlimited (the cone becomes n'f >= 0).
+        limit: largest number of contacts; for a pool that many sets share, the size of the pool.
         field: name of the set in refusals.
 
     Raises:

@@ -215,9 +215,9 @@ def pack(position: ArrayLike, normal: ArrayLike, mu: ArrayLike, counts: ArrayLik
     """Return many contact sets in one pool, checked and with unit normals.
 
     Args:
-        position: (n, 3) m, of the contacts of all sets, one set after the other.
-        normal: (n, 3), any length but zero.
-        mu: (n,) or one number for all; inf = unlimited friction.
+        position: contact points of all sets, one set after the other, (n, 3) m.
+        normal: normals of the ground, (n, 3), any length but zero.
+        mu: friction coefficients, (n,) or one for all; inf = unlimited friction.
         counts: number of contacts of each set, (s,).
         com: x, y of the CoM of each set, (s, 2) m.
 

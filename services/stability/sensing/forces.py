@@ -228,8 +228,8 @@ def com_from_forces(
         force: ground on foot, (n, 3) N, in these axes.
         covariance: covariance of each force, (n, 3, 3) N^2.
         floor: smallest weight that counts, N.
-        tilt_sd: of the frame's roll and pitch, rad: the weight seen in a tilted frame has a horizontal part, so sum F_x
-            = sum F_y = 0 holds only up to W times that.
+        tilt_sd: standard deviation of the frame's roll and pitch, rad: the weight seen in a tilted frame has a
+            horizontal part, so sum F_x = sum F_y = 0 holds only up to W times that.
 
     Returns:
         None when the feet carry less than `floor`.

@@ -196,7 +196,7 @@ class Compose:
     Attributes:
         name: name of the system.
         path: path of the file.
-        services: by name, in dependency order.
+        services: services by name, in dependency order.
         robot: name or folder of the robot that the file is for: SUREFOOT_ROBOT of its services, else of the caller.
     """
 

@@ -139,7 +139,7 @@ class BipedWalker:
         return WalkMemory(s.walk_id, left and replace(left, learn=s.learning), None, s.began)
 
     def resume(self, kept: WalkMemory) -> None:
-        """Resume the stored walk after a restart, before the first tick: stance, closing step, remaining route."""
+        """Resume the stored walk after a restart, before the first tick: stand, close the feet, walk the rest."""
         s = self.state
         s.walk_id, s.began, s.recovering = kept.walk_id, kept.began, True
         if kept.command is not None:

@@ -33,7 +33,7 @@ def set_down(s: BipedState, p: BipedParams, soles: Array, double: int) -> tuple[
     Args:
         s: state; its landing is updated.
         p: settings.
-        soles: by plan, left and right, (2, 4) x, y (m), yaw (rad), height (m), odom.
+        soles: planned soles, left and right, (2, 4) x, y (m), yaw (rad), height (m), odom.
         double: ticks of a step in which both feet bear load.
 
     Returns:

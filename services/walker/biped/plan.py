@@ -40,8 +40,8 @@ def support_point(foot: Array, side: int, ahead: float, inwards: float) -> Array
     Args:
         foot: x, y (m), yaw (rad) of the point under its ankle, odom, (3,).
         side: 0 = left, 1 = right.
-        ahead: from that point forward, m.
-        inwards: from that point towards the other foot, m.
+        ahead: distance forward from that point, m.
+        inwards: distance from that point towards the other foot, m.
     """
     y = -inwards if side == 0 else inwards
     out = np.empty(2)
@@ -58,7 +58,7 @@ def reference(points: Array, ticks: Array, double: Array) -> Array:
     Args:
         points: (n + 1, 2) m, odom; the first is where the reference is now.
         ticks: (n,) length of each phase, ramp and rest, ticks.
-        double: (n,) length of its ramp, ticks.
+        double: (n,) length of the ramp in each phase, ticks.
 
     Returns:
         ZMP (zero-moment point) in each tick, (sum of ticks, 2) m, odom.

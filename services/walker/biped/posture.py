@@ -99,7 +99,7 @@ def load_torques(
         trunk: (4,) x, y, yaw, height of base_link, m and rad, odom.
         push: (3,) m/s2, acceleration of the CoM less gravity: (c'', 9.81), odom.
         share: (2,) part of the load on each foot, left and right, 0 to 1.
-        zmp: (2, 2) m, where each foot carries it, odom, on the ground.
+        zmp: (2, 2) m, point on the ground at which each foot carries its share, x and y, odom.
     """
     up = np.empty(3)
     for i in range(3):

@@ -156,7 +156,7 @@ def lean(state: WalkerState, frame: PlanningContext, legs: tuple[int, ...], plac
     Args:
         state: state of the walker; not changed.
         frame: robot, settings, ground.
-        legs: that will swing.
+        legs: numbers of the legs that will swing.
         place: place of the trunk at the end of the step without leaning, map.
     """
     s, model = state, frame.robot.model

@@ -110,7 +110,7 @@ class LeggedWalker:
         return WalkMemory(s.walk_id, route.command, route.start, route.began, s.offset)
 
     def resume(self, kept: WalkMemory) -> None:
-        """Resume the stored walk after a restart, before the first tick: feet down, to neutral, remaining route."""
+        """Resume the stored walk after a restart, before the first tick: feet down, neutral stance, remaining route."""
         s = self.state
         route = None if kept.command is None else LeggedRoute(kept.command, kept.start, kept.walk_id, kept.began)
         s.walk_id, s.route, s.offset, s.recovering = kept.walk_id, route, kept.offset, True
