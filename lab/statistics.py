@@ -68,7 +68,10 @@ def deviation(values: ArrayLike) -> float:
 
 
 def middle_and_ends(values: ArrayLike, digits: int = 3, unit: str = "") -> str:
-    """Return the median and the extremes of values (n,) as text, `median 1.234 (1.100 to 1.300)`."""
+    """Return the median and the extremes of values (n,) as text with `unit`, `median 1.234 (1.100 to 1.300)`.
+
+    `digits`: number of decimals.
+    """
     x = np.asarray(values, dtype=np.float64)
     return f"median {np.median(x):.{digits}f}{unit} ({x.min():.{digits}f} to {x.max():.{digits}f})"
 

@@ -70,14 +70,22 @@ def array(
 def number(
     value: Any, field: str, unit: str = "", *, low: float = -math.inf, high: float = math.inf, inf: bool = False
 ) -> float:
-    """Return a checked number: `low` to `high`, or +inf where `inf` is true (raises FieldError, as `array`)."""
+    """Return a checked number: `low` to `high`, or +inf where `inf` is true; `field`, `unit`: for the error message.
+
+    Raises:
+        FieldError: `type`, `not_finite` or `range`, with what was received and what is allowed.
+    """
     if isinstance(value, bool | np.bool_):
         raise FieldError("type", field, f"got {shown(value)}, expected one number{f' in {unit}' if unit else ''}")
     return float(array(value, field, (), unit, low=low, high=high, inf=inf))
 
 
 def whole(value: Any, field: str, unit: str = "", *, low: int = -(2**63), high: int = 2**63 - 1) -> int:
-    """Return a checked whole number (raises FieldError: `type`, `range`)."""
+    """Return a checked whole number, `low` to `high`; `field`, `unit`: for the error message.
+
+    Raises:
+        FieldError: `type` or `range`, with what was received and what is allowed.
+    """
     try:
         if isinstance(value, bool):
             raise TypeError("bool")

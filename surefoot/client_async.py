@@ -23,7 +23,11 @@ class AsyncClient:
         await asyncio.to_thread(self.client.close)
 
     async def call(self, query: Query[Any, Any] | str, timeout_s: float | None = None, **fields: Any) -> Any:
-        """Send a request to the owner of a query and return its reply, as `Client.call` does."""
+        """Send a request with these `fields` to the owner of a query, given by its key or row, and return its reply.
+
+        `timeout_s`: longest wait, s of wall time, None = that of the query. Raises SurefootError (no such query or
+        field), CallError (no reply, or a refusal) or BusError (the client is closed).
+        """
         return await asyncio.to_thread(self.client.call, query, timeout_s, **fields)
 
     def messages(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> AsyncIterator[M]:
@@ -57,7 +61,10 @@ class AsyncClient:
             end()
 
     async def latest(self, topic: Topic[M] | str, timeout_s: float | None = 5.0) -> M:
-        """Return the next message of a topic that comes, as `Client.latest` does."""
+        """Return the next message of a topic, given by its key or row; `timeout_s`: longest wait, s of wall time.
+
+        None = no limit. Raises SurefootError (no such topic), CallError (no message came) or BusError (closed).
+        """
         return await asyncio.to_thread(self.client.latest, topic, timeout_s)
 
 

@@ -76,17 +76,28 @@ class CountingEstimator(Estimator):
     """
 
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
-        """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; return the result."""
+        """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; return the result.
+
+        `stamp_ns`: time of the sample, ns; `clipped`: True if an axis was at the end of its range.
+        """
         beyond = flag(clipped, "clipped")
         return super().imu(whole(stamp_ns, "stamp_ns", "ns"), _real(w), _real(q), beyond)
 
     def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take joint angles (nj,) rad and contacts by foot (L,) or switch (L, S), None = unknown; return the result."""
+        """Take joint angles q (nj,) rad; return the result.
+
+        `stamp_ns`: time of the sample, ns; `contact`: flag or probability of each foot, (L,), or switch, (L, S), None =
+        unknown.
+        """
         touch = None if contact is None else _real(contact)
         return super().joints(whole(stamp_ns, "stamp_ns", "ns"), _real(q), touch)
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take foot centres (L, 3) m, rot_imu_from_foot (L, 3, 3) and contacts, as `Estimator`; return the result."""
+        """Take foot centres (L, 3) m, IMU axes, and rot_imu_from_foot (L, 3, 3); return the result.
+
+        `stamp_ns`: time of the sample, ns; `contact`: flag or probability of each foot, (L,), or switch, (L, S), None =
+        unknown.
+        """
         touch = None if contact is None else _real(contact)
         return super().feet(whole(stamp_ns, "stamp_ns", "ns"), _real(position), _real(rot), touch)
 
@@ -105,7 +116,10 @@ class StrictEstimator(CountingEstimator):
     """An `Estimator` that raises a FieldError for each sample it refuses; the next samples are used as usual."""
 
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
-        """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; raise FieldError if refused."""
+        """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; raise FieldError if refused.
+
+        `stamp_ns`: time of the sample, ns; `clipped`: True if an axis was at the end of its range.
+        """
         result = super().imu(stamp_ns, w, q, clipped)
         if result is InputResult.SHAPE:
             _refuse("imu", result, f"w {_form(w)} and q {_form(q)}", "w (3,) rad/s and q (3,) m/s^2")
@@ -116,7 +130,13 @@ class StrictEstimator(CountingEstimator):
         return _accepted("imu", result, stamp_ns, (w, q))
 
     def joints(self, stamp_ns: int, q: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
-        """Take joint angles (nj,) rad and contacts by foot (L,) or switch (L, S), None = unknown; raise if refused."""
+        """Take joint angles q (nj,) rad, and `contact` by foot (L,) or switch (L, S), None = unknown.
+
+        `stamp_ns`: time of the sample, ns.
+
+        Raises:
+            FieldError: the sample is refused, an angle is out of range, or the estimator has no robot.
+        """
         model = self._mount.model
         if model is None:
             raise FieldError("unsupported", "joints", "got joint angles, expected feet: no robot was named")

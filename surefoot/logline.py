@@ -28,7 +28,10 @@ class LogLine:
 
 
 def log_line(level: str, service: str, text: str, tick: int | None = None) -> str:
-    """Return a log line with the present time; several lines of `text` are joined to one by `|`."""
+    """Return a log line with the present time, level, service and tick; lines of `text` are joined to one by `|`.
+
+    `level`: debug, info, warning or error; `tick`: control tick, None or below 0 = it is left out.
+    """
     now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     when = f" tick {tick}" if tick is not None and tick >= 0 else ""
     return f"{now} {level:<7} {service}{when}: {' | '.join(text.splitlines())}"

@@ -109,8 +109,8 @@ def _defined(status: RegionStatus, value: float) -> float:
 def lifts(contacts: ContactSet, com: ArrayLike) -> Array:
     """Return the margin that is left when one contact is lifted, for each contact, (n,) m.
 
-    Each is as `margin` without that contact: -inf where the robot falls and no edge is known, inf where it falls
-    nowhere.
+    Each is the distance of the centre of mass from the edge of the region without that contact: -inf where the robot
+    falls and no edge is known, inf where it falls nowhere.
 
     `com`: place of the centre of mass, (2,) m; (3,) is taken without its height.
 

@@ -60,10 +60,10 @@ def bounds(points: Array, normals: Array, mu: float, twist: Array, direction: Ar
 
 
 def inside(held: Sequence[Array], com: Array) -> float:
-    """Return the distance, m, of a CoM (2,) m from the edge of the convex hull of equilibrium points (n, 2) m.
+    """Return the distance, m, of a CoM `com` (2,) m from the edge of the convex hull of points `held` (n, 2) m.
 
-    The stability region is convex, so the hull lies in it and the distance is a proved margin. -inf = the CoM is not
-    inside of the hull.
+    `held`: places of the CoM proved to be in equilibrium. The stability region is convex, so the hull lies in it and
+    the distance is a proved margin. -inf = the CoM is not inside of the hull.
     """
     rows = np.array(sorted({(float(x), float(y)) for x, y in held}))
     if len(rows) < 3:

@@ -45,6 +45,12 @@ def check_out(out: Path, base: str) -> None:
 def write_model(found: Fitted, base: str, recordings: Sequence[str], out: Path) -> NavigationModel:
     """Write the fitted model and return it; an existing file stays unchanged if the model is invalid.
 
+    Args:
+        found: fitted values by dotted key.
+        base: name or file of the model from which all other values are taken.
+        recordings: names of the recordings.
+        out: TOML file to write.
+
     Raises:
         ConfigError: the values make no valid model; nothing is written.
     """

@@ -50,7 +50,15 @@ class Trial:
 def planned(
     grounds: Sequence[Setting], profiles: Sequence[str], seeds: Iterable[int], model: str = "", explore: float = 1.0
 ) -> list[Trial]:
-    """Return a trial (one simulated walk) for each combination of ground, map profile and seed, sorted by seed."""
+    """Return a trial (one simulated walk) for each combination of ground, map profile and seed, sorted by seed.
+
+    Args:
+        grounds: conditions of the walks.
+        profiles: kinds of errors of the robot's map: exact, noise or shifted.
+        seeds: seeds of the walks.
+        model: slip model that chooses footholds; empty = all are drawn at random.
+        explore: share of the steps that are drawn at random, 0 to 1.
+    """
     return [
         Trial(seed, replace(setting, profile=profile), model, explore)
         for seed, setting, profile in itertools.product(seeds, grounds, profiles)

@@ -39,6 +39,13 @@ def score_map(
 ) -> Assessment:
     """Return the layers `LAYERS` (heights, ground coefficients, predicted slip, masks ...) for all cells of a map.
 
+    Args:
+        heights: the map.
+        model: predicts the slip.
+        foot_radius: radius of the foot sphere, m.
+        stroke: movement of a foot relative to the body while it stands, map axes, (3,) m.
+        smooth: True: a 3 x 3 median filters the map first; False: it does not.
+
     Raises:
         SurefootError: the model was learned for another cell size, smoothing or foot.
     """

@@ -37,7 +37,8 @@ def try_weights(
 ) -> list[Tried]:  # fmt: skip
     """Simulate a walk for every weight, ground and seed; return the result of each weight.
 
-    `seeds`: training seeds, to differ from those of a later comparison; `progress`: called with the share done, 0 to 1.
+    `weights`: in 1/m; `seeds`: training seeds, to differ from those of a later comparison; `jobs`: walks simulated in
+    parallel; `progress`: called with the share that is done, 0 to 1.
     """
     wanted = list(seeds)
     out: list[Tried] = []

@@ -87,16 +87,31 @@ def with_known(findings: Iterable[Finding], known: Mapping[str, str]) -> tuple[F
 
 
 def near(where: str, what: str, paper: float, ours: float, within: float, digits: int = 2) -> Finding:
-    """Return the finding of a number `ours` that may differ from the paper's by at most `within`, all in one unit."""
+    """Return the finding of a number `ours` that may differ from the paper's by at most `within`, all in one unit.
+
+    `where`: section of the paper; `what`: the quantity; `digits`: decimals shown.
+    """
     ok = abs(ours - paper) <= within
     return Finding(where, what, f"{paper:.{digits}f}", f"{ours:.{digits}f}", ok, f"within {within:g}")
 
 
 def at_most(where: str, what: str, ours: float, limit: float, paper: str = "", form: str = ".3g") -> Finding:
-    """Return the finding of a number `ours` whose absolute value must not exceed a limit."""
+    """Return the finding of a number `ours` whose absolute value must not exceed a limit.
+
+    `where`: section of the paper; `what`: the quantity; `paper`: what the paper prints; `form`: format of the number.
+    """
     return Finding(where, what, paper, f"{ours:{form}}", abs(ours) <= limit, f"<= {limit:g}")
 
 
 def fact(where: str, what: str, paper: str, ours: str, ok: bool | None = None, limit: str = "") -> Finding:
-    """Return a row that states a fact of the paper and whether it holds, without arithmetic."""
+    """Return a row that states a fact of the paper and whether it holds, without arithmetic.
+
+    Args:
+        where: section of the paper.
+        what: the quantity.
+        paper: what the paper states.
+        ours: what this project finds.
+        ok: True if it holds, False if not; None = nothing is required.
+        limit: requirement in words.
+    """
     return Finding(where, what, paper, ours, ok, limit)

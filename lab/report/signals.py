@@ -59,7 +59,9 @@ class Signals:
         return TICK_S * np.array([row.get("tick", -1) for row in self.rows[key]], dtype=np.float64)
 
     def column(self, key: str, name: str) -> Array:
-        """Return a field of each message as numbers, (n, ...), in its unit; null or absent is NaN, ragged rows are cut.
+        """Return the field `name` of each message of a key as numbers, (n, ...), in its unit; null or absent is NaN.
+
+        Lists of unequal length are cut to the shortest.
 
         Raises:
             SurefootError: the field holds other things than numbers.

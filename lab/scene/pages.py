@@ -26,7 +26,7 @@ def asset(name: str) -> str:
 
 
 def page(title: str, body: str, scripts: Iterable[str], start: str) -> str:
-    """Return an HTML document with its scripts and styles inside; `start`: JavaScript that is run last."""
+    """Return an HTML document with title, body, scripts and styles inside; `start`: JavaScript that is run last."""
     code = "\n".join(asset(name) for name in scripts)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'

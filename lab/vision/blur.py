@@ -111,7 +111,7 @@ def still_camera(texture: Texture, exposure: float | None = None) -> StillCamera
 
 
 def map_by_grid(camera: StillCamera, kind: Kind, xs: Sequence[float], ys: Sequence[float]) -> FeatureMap:
-    """Return the map of a floor from still images of known poses on a grid, three headings each."""
+    """Return the map of a floor from still images of known poses on a grid `xs`, `ys`, m, three headings each."""
     eye, looks = Eye(Extractor(kind, COUNT), None), list[FloorLook]()
     for x in xs:
         for y in ys:

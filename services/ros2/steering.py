@@ -33,7 +33,10 @@ class Steering:
         answered."""
 
     def take(self, now_s: float, forward: float, turn: float) -> None:
-        """Store a velocity command, m/s and rad/s; one that is not finite makes the robot stand."""
+        """Store a velocity command: `forward`, m/s, and `turn`, rad/s; one that is not finite makes the robot stand.
+
+        `now_s`: time of its arrival, s.
+        """
         if not (math.isfinite(forward) and math.isfinite(turn)):
             forward = turn = 0.0
         forward = min(max(forward, -FASTEST_MPS), FASTEST_MPS)

@@ -273,7 +273,8 @@ class Bus(Protocol):
     def born_ms(self, service: str, instance: str) -> int:
         """Return when a process got its name, ms since the machine was started; 0 = the name has no seal of the system.
 
-        Processes that the supervisor started seal their names with its secret (see `seals`).
+        Processes that the supervisor started seal their names with its secret (see `seals`). `service`: name that the
+        process acts under; `instance`: name of the process.
         """
         ...
 

@@ -107,7 +107,14 @@ class Receiving:
     def to_frames(
         self, owner: str, key: str, wanted: dict[str, Topic[Any]], sink: Callable[[Any], Any]
     ) -> Callable[[zenoh.Sample], None]:
-        """Return a callback that passes on the frames of a service on a key."""
+        """Return a callback for the samples of a key, which passes them on as frames.
+
+        Args:
+            owner: service that publishes the frames.
+            key: key of the frames.
+            wanted: topics that the reader decodes, by key.
+            sink: gets each `Frame`.
+        """
         secret, drops = self._secret, self._oversized.drops
 
         def on_sample(sample: zenoh.Sample) -> None:

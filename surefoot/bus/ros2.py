@@ -80,7 +80,10 @@ def type_hash(kind: str) -> str:
 
 
 def data_key(domain: int, topic: str, kind: str) -> str:
-    """Return the key under which a topic is published (raises SurefootError: no topic name or type)."""
+    """Return the Zenoh key under which a topic is published (raises SurefootError: no topic name or type).
+
+    `domain`: ROS_DOMAIN_ID; `kind`: type of its messages, such as `nav_msgs/msg/Odometry`.
+    """
     if not _TOPIC.fullmatch(topic):
         raise SurefootError("invalid", f"got topic {topic!r}, wanted are words of letters, digits, _ and /", "topic")
     return f"{domain}/{topic.strip('/')}/{_dds(kind)}/{type_hash(kind)}"

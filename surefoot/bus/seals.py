@@ -101,7 +101,10 @@ def _begun(key: bytes) -> Any:
 
 
 def with_seal(secret: str, key: str, payload: bytes, attachment: bytes | None) -> bytes:
-    """Return the attachment of a message to participants with a line break and ``<time, ns>:<seal>`` at its end."""
+    """Return the attachment of a message to participants with a line break and ``<time, ns>:<seal>`` at its end.
+
+    `secret`: secret of the system; `key`: key of the message.
+    """
     number = b"%d" % time.monotonic_ns()
     head = attachment or b""
     return head + b"\n" + number + b":" + seal_of(secret, key.encode() + b" " + number, head, payload)

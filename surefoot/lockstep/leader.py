@@ -106,7 +106,7 @@ class Leader:
             member.done = tick
 
     def on_gone(self, service: str, instance: str) -> None:
-        """Record that the process of a service has left the bus; a member of the roster is handled as by `drop`."""
+        """Record that the process of a service has left the bus; if it is on the roster, `drop` it by the policy."""
         if self.ready.get(service) == instance:
             del self.ready[service]
         member = self.members.get(service)
@@ -125,7 +125,10 @@ class Leader:
         return True
 
     def drop(self, service: str, why: str) -> None:
-        """Record the loss of a member: wait for its return, go on without it, or end the run, by the run's policy."""
+        """Record the loss of a member: wait for its return, go on without it, or end the run, by the run's policy.
+
+        `service`: name of the member; `why`: reason in words, kept for the status.
+        """
         self.comparable = False
         self.reason = why
         if self.policy == "fail":
@@ -241,7 +244,13 @@ class Leader:
         )  # fmt: skip
 
     def advance(self, stamp_ns: int, due: tuple[str, ...], *, held: bool = False) -> Tick:
-        """Advance to the next tick and return its manifest; services that are ready join the roster."""
+        """Advance to the next tick and return its manifest; services that are ready join the roster.
+
+        Args:
+            stamp_ns: simulated time of the tick, ns.
+            due: keys of the topics with a sample in it.
+            held: True if the joints are held, as commands are absent or refused.
+        """
         if self.state == "running":
             self._admit()
         self.tick += 1

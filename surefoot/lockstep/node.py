@@ -165,7 +165,7 @@ class Node:
         return self.work() or progressed
 
     def pump_once(self) -> bool:
-        """Handle waiting items and at most one tick, so that nodes of one process take turns; return as `pump`."""
+        """Handle waiting items and at most one tick, so that nodes take turns; return whether there was anything."""
         progressed = self._turn(math.inf)
         if self._answers.late and not progressed:
             with suppress(Empty):  # an answer is worked out on another thread: there is nothing else to do

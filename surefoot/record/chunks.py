@@ -42,7 +42,10 @@ class ChunkWriter:
         self._write(_encoded(records.Header(profile="", library=library)))
 
     def add_channel(self, key: str, encoding: str, schema: str, text: bytes) -> int:
-        """Declare a topic with name (`schema`) and text of its JSON Schema; return the number of its channel."""
+        """Declare a topic with name (`schema`) and text of its JSON Schema; return the number of its channel.
+
+        `key`: key of the topic; `encoding`: encoding of its messages, such as `json`.
+        """
         number = len(self._channels) + 1
         self._schemas.append(records.Schema(id=number, data=text, encoding="jsonschema", name=schema))
         self._channels.append(
@@ -53,7 +56,14 @@ class ChunkWriter:
         return number
 
     def add_message(self, channel: int, stamp_ns: int, seq: int, data: bytes) -> None:
-        """Append a message to the present chunk; a full chunk is compressed and written to the file."""
+        """Append a message to the present chunk; a full chunk is compressed and written to the file.
+
+        Args:
+            channel: number of its channel, as `add_channel` returned it.
+            stamp_ns: time of the message, ns.
+            seq: sequence number.
+            data: encoded message.
+        """
         places = self._places.get(channel)
         if places is None:
             places = self._places[channel] = []

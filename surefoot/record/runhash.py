@@ -18,7 +18,10 @@ class RunHash:
         self.counts: Counter[str] = Counter()
 
     def update(self, key: str, epoch: int, stamp_ns: int, seq: int, payload: bytes, attachment: bytes | None) -> None:
-        """Add a message to the hash; for topics whose content is the same in every run of a seed."""
+        """Add a message of a key to the hash, with run number (epoch), stamp, sequence number and bytes.
+
+        Only topics whose content is the same in every run of a seed are to be added.
+        """
         digest = self._digests.get(key)
         if digest is None:
             digest = self._digests[key] = hashlib.sha256()

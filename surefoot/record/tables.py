@@ -29,7 +29,7 @@ LATEST_S = 9e9
 
 
 def read_table(path: Path, sort: bool = False) -> Columns:
-    """Return the arrays of a log in a CSV or NPZ file by name, checked as by `checked`.
+    """Return the arrays of a log in a CSV or NPZ file by name, after a check of their shapes and stamps.
 
     Args:
         path: the file; its suffix decides the format.

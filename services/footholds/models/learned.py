@@ -130,7 +130,10 @@ class LearnedModel:
         return round(math.fsum(each.count for each in self.bins.values()))
 
     def unfit(self, cell: float, smooth: bool, foot_radius: float) -> str:
-        """Return the reason why the model does not hold on a map, empty if it does."""
+        """Return the reason why the model does not hold on a map, empty if it does.
+
+        `cell`: edge of a cell, m; `smooth`: True if a 3 x 3 median filters the map; `foot_radius`: of a foot sphere, m.
+        """
         c = self.conditions
         if abs(cell - c.cell) > CELL_TOLERANCE * c.cell:
             return f"learned on cells of {1e3 * c.cell:g} mm, the map has {1e3 * cell:g} mm"

@@ -12,7 +12,7 @@ Each case has a Kalman filter of
 
     u = (E_xx, E_yy, E_xy, p, q, s, p', q', w, x, y, theta)
 
-with p', q', w the tilt and sway that fade (see there) and x, y, theta how far the true pose is from the believed one.
+with p', q', w the tilt and sway that fade (`common_errors`), and x, y, theta the true pose less the believed one.
 Cases differ in what they expect of E, of p, q and of s. With d the landmark from the believed pose and z the sighting,
 both in heading axes, and g the gains of `common_errors`,
 

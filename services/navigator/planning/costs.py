@@ -108,7 +108,7 @@ class Costs:
     def clearance_of(self, path: Ints32) -> float:
         """Return the least distance, m, of a path's cells from an obstacle; at most `comfort`.
 
-        It is that of the centres of its cells, as `clearance.exact` measures it; `clearance_along` is exact.
+        It is that of the centres of its cells; `clearance_along` measures the exact one of the whole line.
 
         `path`: indices of its cells in the flattened padded array, (n,).
         """

@@ -69,6 +69,15 @@ def keep(
 ) -> None:
     """Start a system, supervise it until the event `stop` is set, and end its processes.
 
+    Args:
+        compose: the system.
+        order: settings of its run.
+        stop: event that ends the supervision.
+        listen: endpoint of the router; None = SUREFOOT_LISTEN or the default.
+        spawn: True: start the processes of the services; False: a container engine does.
+        notify: called with each notice of the system.
+        ready: called with the report of the system once all services are ready.
+
     Raises:
         RunFolderError: the system is up already.
         RobotError: no such robot.
@@ -127,6 +136,13 @@ def start_detached(
     compose: Compose, system: str, order: StartOrder, listen: str | None, notify: Callable[[str], None]
 ) -> dict[str, Any]:
     """Start `surefoot up` in a session of its own, wait until it is ready and return its report.
+
+    Args:
+        compose: the system.
+        system: its name, for the notice.
+        order: settings of its run.
+        listen: endpoint of the router; None = SUREFOOT_LISTEN or the default.
+        notify: called with a notice of the start.
 
     Raises:
         RunFolderError: the system is up already.

@@ -129,7 +129,8 @@ class Signs:
     def silence(self, now: float, starved: float) -> float:
         """Return the time since the last sign of progress without the time waited for a processor, s.
 
-        At least a tenth of the time counts: several threads may wait at once, so that waits add up to more than it.
+        At least a tenth of the time counts, as the waits of several threads may add up to more than it. `now`: wall
+        time, s; `starved`: seconds that the process has waited for a processor so far.
         """
         waited = max(0.0, starved - self.starved) if self.starved is not None else 0.0
         return max(self.quiet(now) - waited, LEAST_SILENCE * self.quiet(now))

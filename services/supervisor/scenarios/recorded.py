@@ -36,7 +36,16 @@ def about_run(
     scenario: Scenario | None = None,
     files: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the facts on a run as JSON text for the recorder (`RecorderConfig.about`)."""
+    """Return the facts on a run as JSON text for the recorder (`RecorderConfig.about`).
+
+    Args:
+        robot: name or folder of the robot.
+        system: name of the system.
+        services: names of its services.
+        request: request by which the run begins.
+        scenario: scenario that is run; None = none.
+        files: paths of the files to attach, by name.
+    """
     run = {
         "system": system, "services": " ".join(services), "robot_hash": load_robot(robot).hash, "mode": request.mode,
         "actuation_delay_ticks": str(request.actuation_delay_ticks),
