@@ -90,8 +90,7 @@ class Alignment:
         return out | {"applied": [name for name in LIMITS if self.known(name)]}
 
     def notes(self, period: float) -> tuple[str, ...]:
-        """Return a sentence for each misalignment of the truth, () if there is none; `period`: of the inertial rows,
-        s."""
+        """Return a sentence for each misalignment of the truth, () if none; `period`: time between samples, s."""
         if self.correlation < ALIKE:
             text = f"the truth does not turn as the gyro does (correlation {self.correlation:.2f} within {LAGS_S:g} s)"
             return (f"{text}: another clock, or another recording?",)

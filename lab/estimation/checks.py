@@ -53,7 +53,7 @@ def check_kinematics(log: Log) -> tuple[str, ...]:
     """Check feet, contacts and forces of a log.
 
     Returns:
-        Notes on what is strange.
+        Notes on oddities, a sentence each.
 
     Raises:
         SurefootError: feet, contacts or forces contradict each other; the text has the numbers.

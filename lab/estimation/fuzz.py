@@ -222,7 +222,7 @@ def feed(running: LogRunner, x: Inputs) -> None:
 
 
 def fuzz(name: str, log: Log, trials: int, seed: int, starts: int = 8, **options: Any) -> FuzzCounts:
-    """Run an estimator over corrupted stretches of a walk, and return counts of what it did.
+    """Run an estimator over corrupted stretches of a walk, and return counts of its failures and flags.
 
     Args:
         name: name of the estimator.

@@ -1,6 +1,6 @@
 """Faults of one sensor that are added to a log from a time on: switches, encoders, stamps, inertial unit.
 
-The truth of the log stays what it was: row i of the estimate belongs to row i of the clean log.
+The truth of the log is not changed: row i of the estimate belongs to row i of the clean log.
 """
 
 from collections.abc import Callable, Mapping

@@ -165,7 +165,7 @@ class LogRunner:
 
     @property
     def externals(self) -> ExternalUse:
-        """Counts of the samples of other sources, such as a camera, and the frame of their poses."""
+        """Counts of the samples of other sources, such as a camera, and the turn of their frame against odom."""
         return self._estimator.externals
 
     @property

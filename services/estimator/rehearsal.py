@@ -57,7 +57,7 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
 
 
 def rehearse_log(config: EstimatorConfig, robot: Robot) -> None:
-    """Run a log of one row, to load its kernel: it holds the whole filter, and `surefoot estimate` alone calls it."""
+    """Run a log of one row, to load the kernel for logs, which holds the whole filter; `surefoot estimate` uses it."""
     estimator, feet = config.estimator(robot), len(robot.legs)
     log = LogInputs(
         np.zeros(1, dtype=np.int64), np.zeros((1, 3)), np.array([[0.0, 0.0, GRAVITY]]), np.zeros(1, dtype=np.bool_),

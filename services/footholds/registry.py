@@ -94,7 +94,7 @@ class SlipModels:
             self._use(made)
 
     def reset(self) -> None:
-        """Drop the map and models of jobs before the reset; finish re-learning that is running and use its model."""
+        """Drop the map and the models of earlier learning jobs; wait for a running re-learning and use its model."""
         self.ground = None
         self.job.forget()
         made = None if self.learner is None else self.learner.close()

@@ -71,7 +71,7 @@ class Mesh:
             self._busy.join(INTRODUCE_S + ROUTER_S)
 
     def close(self) -> None:
-        """End a running check: a thread in the network library would abort the interpreter when that ends."""
+        """End a running check, as a thread that is still in the network library would abort the process at its exit."""
         self._over.set()
         self.settle()
 

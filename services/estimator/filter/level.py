@@ -7,14 +7,14 @@ drifted since by z - h_j, of variance D = P - s_j, up to the variance n of the h
 
     g = D/(D + n),   height -= g (z - h_j),   variance: s_j + D n/(D + n)
 
-which is a Kalman correction of all that correlates with the height, by R = P n/D, plus g s_j: what was unknown of the
-level stays unknown. Feet that stand on one level are equally high, which shows the tilt.
+which is a Kalman correction of all that correlates with the height, by R = P n/D, plus g s_j, as the variance of the
+level's own height remains. Feet that stand on one level are equally high, which shows the tilt.
 
-Rough ground and slopes have no levels. Feet that stand at the same time show that, whatever the height has drifted by:
-the regression of the differences of their heights on one level on their distances is the slope of the ground, the rms
-of what it leaves the unevenness u (for two feet, and at a stand, of the differences: a slope explains all of them).
-n = (n_0 + u^2)^2/n_0 with n_0 = `FIXED.step_sd`^2; on a slope, and under a foot that is further off than u, nothing is
-corrected.
+Rough ground and slopes have no levels. Feet that stand at the same time show this independently of the drift of the
+height. Their differences of height on one level are regressed on their distances: the coefficients are the slope of the
+ground, the rms of the residuals is the unevenness u (for two feet, and at a stand, u is the rms of the differences, as
+a slope would explain them all). n = (n_0 + u^2)^2/n_0 with n_0 = `FIXED.step_sd`^2. Nothing is corrected on a slope, or
+under a foot that is off the level by more than u.
 """
 
 import math

@@ -28,7 +28,7 @@ class AnywhereModel:
 
     @property
     def landing_error(self) -> float:
-        """Landing error, m: 0, the choice takes the mean over the free cells of the 3 x 3 block."""
+        """Standard deviation of landings, m: 0, for which the slip is averaged over the free cells of 3 x 3 instead."""
         return 0.0
 
     @property

@@ -165,7 +165,7 @@ def hand(
 
 
 def by_rule(name: str, world: Arrays) -> Policy | None:
-    """Return a policy that needs no table (`hand`, `tuned`, `steer`), or None for other names."""
+    """Return the policy `hand`, `tuned` or `steer`, which need no table, for a model `world`; None for other names."""
     if name == "hand":
         return hand(world, stand_above=PAPER_STAND_ABOVE_3 if world.states == 3 else PAPER_STAND_ABOVE)
     if name == "tuned":

@@ -167,7 +167,7 @@ class FaultBank:
     def joints(self, tick: int, position: Array, current: Array, torque: Array) -> tuple[Array, Array, Array] | None:
         """Return position (nj,) rad, current (nj,) A, torque (nj,) Nm as broken sensors give them; None = no sample.
 
-        position, current, torque: of intact sensors, in these shapes and units.
+        `tick`: control tick; `position`, `current`, `torque`: those of intact sensors, in these shapes and units.
         """
         table = np.stack((position, current, torque))
         table = self._freeze("joints", bool(self.on(tick, "joints_freeze")), table.ravel()).reshape(table.shape)

@@ -148,5 +148,5 @@ class Region:
 
     @property
     def areas(self) -> dict[str, float | None]:
-        """`area` and `area_outer` by these names, m^2."""
+        """Areas of the inner and outer polygon, m^2, by the names `area` and `area_outer`; None = no such polygon."""
         return {"area": self.area, "area_outer": self.area_outer}

@@ -137,7 +137,7 @@ def check_movement(asked: Movement) -> CheckedMovement:
     """Return region, margins and distances of a planned movement of the trunk, m, frame world.
 
     Raises:
-        StabilityError: the robot would fly, or no solver finds an answer.
+        StabilityError: the acceleration would lift the robot off the ground, or no solver finds an answer.
     """
     before = regions_in(asked.mode, asked.contacts, asked.wanted)
     later = before if asked.after is asked.mode else regions_in(asked.after, asked.contacts, asked.wanted)
