@@ -2,7 +2,9 @@
 
 The stroke f of a stance, m, is the movement of its foot relative to the trunk from begin to end of the stance,
 
-    f = R_0 (R_1^T (p - b_1) - R_0^T (p - b_0)),   p: foot, b and R: position and heading of the trunk, odom.
+    f = R_0 (R_1^T (p - b_1) - R_0^T (p - b_0)),   p: foot; b, R: position and heading of the trunk, odom,
+
+with the index 0 at the begin and 1 at the end.
 
 Footholds are looked up in the recorded map, whose frame is taken as odom; without a map the ground is a plane.
 """

@@ -70,5 +70,5 @@ class Steering:
             self._order = None
 
     def unanswered(self, now_s: float) -> None:
-        """Record that the last command may be lost: the next one, also a stop, is due after `AGAIN_S`."""
+        """Record at `now_s`, s, that the last command may be lost: the next, also a stop, is due `AGAIN_S` later."""
         self._order, self._again_s = None, now_s + AGAIN_S

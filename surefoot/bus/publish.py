@@ -52,7 +52,7 @@ def participants_key(row: Topic[Any] | Query[Any, Any], instance: str) -> str:
 
 
 def apart(topic: Topic[Any]) -> bool:
-    """Return whether participants get a topic that does not travel in frames under `participants_key`."""
+    """Return whether participants receive a topic outside of frames, as single messages under `participants_key`."""
     return topic.kind in _TO_PARTICIPANTS
 
 

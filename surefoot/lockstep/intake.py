@@ -96,8 +96,8 @@ class Intake:
     def lacking_ns(self, tick: int) -> int:
         """Return the time from the newest sample to the end of a tick, ns; 0 = inertial and joint samples cover it.
 
-        The older of the newest inertial and the newest joint sample counts, before any joint sample the inertial one;
-        before any inertial sample it is one tick, `TICK_NS`.
+        Of the newest inertial and the newest joint sample the older one counts, or the inertial one as long as there is
+        no joint sample. Before the first inertial sample the result is one tick, `TICK_NS`.
         """
         newest = min(self._newest["imu"], self._newest.get("joints", self._newest["imu"]))
         return max(0, tick * TICK_NS - newest) if self._origin is not None else TICK_NS

@@ -372,7 +372,7 @@ def contact_jacobians_of(model: KinematicModel, rot: Array, pos: Array, up: Arra
         model: links and joints of the robot.
         rot: orientations of the links, (links, 3, 3), base_link from link.
         pos: origins of the links in base_link, (links, 3) m.
-        up: unit vector, base_link, (3,).
+        up: unit vector that points up, base_link, (3,).
         radius: radii of the foot spheres, (L,) m.
     """
     jacobian = foot_jacobians_of(model, rot, pos)
