@@ -35,7 +35,7 @@ def array(
         value: anything that numpy makes an array of numbers of; nothing is reshaped.
         field: name of the argument.
         shape: expected length of each dimension; a letter stands for any length, the same letter for the same one.
-        unit: of the values, for the error message; empty = none.
+        unit: unit of the values, for the error message; empty = none.
         low, high: allowed values, both included.
         nan: NaN is allowed, and stands for unknown.
         inf: +inf is allowed, and stands for unlimited.

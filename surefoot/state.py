@@ -15,7 +15,7 @@ NO_HOME = Path("/nonexistent")
 
 
 def user_home() -> Path:
-    """Return the home folder of this user; `NO_HOME` without one, as of a container's user that HOME does not name."""
+    """Return the home folder of this user; `NO_HOME` if there is none, e.g. of a user in a container without HOME."""
     try:
         return Path.home()
     except RuntimeError:

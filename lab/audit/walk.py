@@ -157,7 +157,7 @@ def proved(robot: Robot, points: Array, mu: float, centre: Array) -> tuple[float
     """Return lower and upper bound, m, proved for the margin of a CoM (2,) m over contacts (n, 3) m on level ground.
 
     Returns:
-        Bounds as `least` and `most` of `Claim`: -inf, inf = no proof was found.
+        The two bounds, m; -inf or inf = no proof of it was found.
     """
     normals = np.tile((0.0, 0.0, 1.0), (len(points), 1))
     contacts = tuple(Contact(position=(x, y, z), normal=(0.0, 0.0, 1.0), mu=mu) for x, y, z in points.tolist())

@@ -117,7 +117,7 @@ def log_of_table(
     """Return a log from checked columns of a table, and notes on what was assumed.
 
     Args:
-        name: of the log.
+        name: name of the log.
         columns: arrays by name, in SI units.
         robot: description, needed if the feet come as joint angles.
         feet: statements on the feet; they count more than those among the columns.

@@ -183,7 +183,7 @@ def follow(name: str, log: Log, rows_each: int | None = None, **options: Any) ->
     """Run an estimator over a log, and yield its track piece by piece; a referee runs in one piece.
 
     Args:
-        name: of the estimator or referee.
+        name: name of the estimator or referee.
         log: what to run over. In pieces only if its inertial rows arrive in their order.
         rows_each: inertial rows of a piece; None = all in one.
         options: options of the estimator by name, as of `track`.

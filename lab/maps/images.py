@@ -215,7 +215,7 @@ def map_of_source(source: Path, features: str, poses: str | None, width: float |
         source: recording, or picture file.
         features: kind of the features, `orb` or `sift`.
         poses: key of the poses; None = state/pose where it is recorded, else state/odometry.
-        width: of the floor that the picture shows, m; None = the source is a recording.
+        width: width of the floor that the picture shows, m; None = the source is a recording.
         least: number of images that a feature was seen in, at least.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Largest messages that are accepted; a module of its own, so that Zenoh's options do without the schemas."""
+"""Sizes of the largest messages that are accepted, bytes; a separate module, so that its import needs no schemas."""
 
 MAX_JSON_BYTES = 1 << 20
 """Largest JSON payload of a message, bytes; a larger one is refused."""

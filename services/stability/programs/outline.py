@@ -120,8 +120,8 @@ def edge_normals(corners: Array) -> Array:
 def corner_normals(corners: Array) -> Array:
     """Return unit directions at which refinement begins, (e, 2): outward at the e corners of a hull, `corners` in m.
 
-    On mild ground the support points are these corners at once; directions between them then go where it is curved.
-    Hulls of less than 3 or more than 8 corners, and very thin ones, get 8 directions instead.
+    On mild ground the support points of these directions are the corners themselves, so that further directions serve
+    the curved parts of the border. Hulls of less than 3 or more than 8 corners, and very thin ones, get 8 directions.
     """
     edges = edge_normals(corners)
     n = edges.shape[0]
