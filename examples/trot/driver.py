@@ -1,4 +1,4 @@
-"""A simulated robot that somebody else makes trot, and no command of ours: `surefoot up examples/trot/system.yaml`."""
+"""Simulated robot whose own controller makes it trot, without the walker: `surefoot up examples/trot/system.yaml`."""
 
 import math
 
@@ -34,7 +34,7 @@ class TrottingRobot(Simulator):
         self.phase = np.where(diagonal | self.config.together, 0.0, 0.5)
 
     def feet(self, seconds: float) -> NDArray[np.float64]:
-        """Return wanted foot centres (L, 3) m, base_link, so long after it has set off."""
+        """Return wanted foot centres (L, 3) m, base_link, `seconds` s after the trot began."""
         c, feet, begin = self.config, self.neutral.copy(), min(1.0, seconds)
         stride = c.speed * c.duty * c.period_s * begin
         for foot, phase in zip(feet, (seconds / c.period_s + self.phase) % 1.0, strict=True):

@@ -69,14 +69,9 @@ def keep(
 ) -> None:
     """Start a system, supervise it until the event `stop` is set, and end its processes.
 
-    Args:
-        compose: the system.
-        order: settings of its run.
-        stop: event that ends the supervision.
-        listen: endpoint of the router; None = SUREFOOT_LISTEN or the default.
-        spawn: True: start the processes of the services; False: a container engine does.
-        notify: called with each notice of the system.
-        ready: called with the report of the system once all services are ready.
+    `order`: settings of the run; `listen`: endpoint of the router, None = SUREFOOT_LISTEN or the default; `spawn`
+    False: a container engine starts the processes; `notify` is called with each notice, `ready` with the report of the
+    system once all services are ready.
 
     Raises:
         RunFolderError: the system is up already.
