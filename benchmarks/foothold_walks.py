@@ -276,7 +276,7 @@ class Course:
 def scored(seed: int, terrain: str, course: Course) -> Line:
     """Simulate a walk on `terrain`, footholds by the hand-made score or nominal; return its line of results."""
     rule = None if course.nominal else model_rule(HandScore(), SelectParams())
-    return {name: value for name, value in vars(walk(seed, course.on(terrain), rule)).items() if name != "slides_mm"}
+    return dict(vars(walk(seed, course.on(terrain), rule)))
 
 
 @BENCH.part("flat --seeds 0:1 --distance 0.1")

@@ -115,8 +115,6 @@ class WalkVerdict:
     """Number of foot targets out of the leg's reach, summed over all control ticks of the walk."""
     costs_us: tuple[float, ...] = field(repr=False, default=())
     """Wall time of the walker in each control tick, us."""
-    slides_mm: tuple[float, ...] = field(repr=False, default=())
-    """Path length of the contact point in each finished stance, mm."""
 
 
 class _PendingChoice(NamedTuple):
@@ -266,7 +264,6 @@ class JoinedWalk(JoinedLoop):
             displacement_mm=round(1e3 * float(np.mean(stances.displacement or [0.0])), 4),
             stances=len(stances.sliding), odometry_mm=round(1e3 * odometry, 1), margin_mm=round(1e3 * self.margin, 1),
             unreachable=self.unreachable, costs_us=tuple(self.costs_us),
-            slides_mm=tuple(round(1e3 * value, 4) for value in stances.sliding),
         )  # fmt: skip
 
 

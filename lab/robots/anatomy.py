@@ -182,7 +182,7 @@ def foot_of(model: mujoco.MjModel, segs: list[Segment], tip: int, angles: Array)
     data = mujoco.MjData(model)
     pose(model, data, angles)
     segment = segs[tip]
-    ends = _ends(model, data, segment)
+    ends = _ends(model, segment)
     if not ends:
         return None
     best = min(ends, key=lambda e: (e.rank, e.mark.place(model, data)[2] - e.radius))
@@ -226,7 +226,7 @@ def _below(corner: FileMark, lowest: FileMark, model: mujoco.MjModel, data: mujo
     return abs(float(down @ (corner.place(model, data) - lowest.place(model, data)))) <= LEVEL_M
 
 
-def _ends(model: mujoco.MjModel, data: mujoco.MjData, segment: Segment) -> list[_TouchPoint]:
+def _ends(model: mujoco.MjModel, segment: Segment) -> list[_TouchPoint]:
     """Return the candidates for a foot on a segment: spheres, ends of capsules, and what is named like a foot.
 
     These are corners of boxes, fixed bodies and sites.

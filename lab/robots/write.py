@@ -70,7 +70,7 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
     servos: dict[str, dict[str, Any]] = {}
     chains, places = {}, []
     for limb, label, foot in zip(limbs, names, feet, strict=True):
-        links = [_link(model, segs, limb, s, angles, servos, made, label) for s in limb]
+        links = [_link(model, segs, s, angles, servos, made, label) for s in limb]
         chain: dict[str, Any] = {"source": "file", "links": links}
         if foot is not None:
             link = links[limb.index(foot.segment)]["name"]
@@ -269,7 +269,7 @@ def _limb_name(model: mujoco.MjModel, segs: list[Segment], limb: list[int], inde
 
 
 def _link(
-    model: mujoco.MjModel, segs: list[Segment], limb: list[int], index: int, angles: Array,
+    model: mujoco.MjModel, segs: list[Segment], index: int, angles: Array,
     servos: dict[str, dict[str, Any]], made: Imported, label: str,
 ) -> dict[str, Any]:  # fmt: skip
     s = segs[index]

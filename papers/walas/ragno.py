@@ -59,7 +59,6 @@ class Slope:
     printed: float
     """Stability by equation (28) of Walas & Belter as printed, m: the norm of the distance from the support point,
     never < 0."""
-    printed_plain: float
 
     @property
     def share(self) -> float:
@@ -125,7 +124,6 @@ def slope(robot: Robot, mu: float) -> Slope:
         plain=check(whole, now, MOVE, np.zeros(3)),
         corrected=check(whole, now, MOVE, shift.vector),
         printed=float(np.linalg.norm(edge - MOVE[:2] - shift.vector[:2])),
-        printed_plain=float(np.linalg.norm(edge - MOVE[:2])),
     )
 
 

@@ -240,7 +240,7 @@ def _feet(walk: WalkParams, path: _Path, rng: np.random.Generator) -> _Ankles:
 EDGES = ((0.055, 0.0), (-0.035, 0.0), (0.0, 0.028), (0.0, -0.028))  # m, places of the edges from the ankle
 
 
-def _roll_over_edges(walk: WalkParams, path: _Path, feet: _Ankles, rng: np.random.Generator) -> None:
+def _roll_over_edges(walk: WalkParams, feet: _Ankles, rng: np.random.Generator) -> None:
     """Roll some stances over an edge of the sole and back; the ankle goes along."""
     size = math.radians(rng.uniform(*walk.edge_deg))
     for f, first, last in _stances(feet):
@@ -315,7 +315,7 @@ def synthesize(walk: WalkParams, seed: int) -> Log:
     feet = _feet(walk, path, rng)
     more = np.random.default_rng([seed, 1])  # leaves the draws of the kinds without these disturbances as they are
     if walk.edge_share > 0.0:
-        _roll_over_edges(walk, path, feet, more)
+        _roll_over_edges(walk, feet, more)
     _lie_of_joints(feet)
     play = math.radians(more.uniform(*walk.backlash_deg)) * more.choice([-0.5, 0.5], size=(walk.feet, 6))
     if walk.false_share > 0.0:

@@ -90,7 +90,7 @@ class _LegAxes(NamedTuple):
     points: Array  # (4, 3) m, origins of the three joints, then the foot centre
 
 
-def _leg_axes(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> _LegAxes | None:
+def _leg_axes(links: Sequence[Link], leg: Leg) -> _LegAxes | None:
     """Return the leg at joint angles zero, None unless its three joints are all that moves the foot."""
     way: list[int] = []  # links from the foot inwards
     link = leg.foot.link
@@ -113,7 +113,7 @@ def _leg_axes(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> _LegA
 
 def _roll_pitch_pitch(links: Sequence[Link], joints: Sequence[Joint], leg: Leg) -> tuple[Array, ...] | None:
     """Return a row of `RolledLegs` if axes two and three are parallel and at right angles to the first, else None."""
-    chain = _leg_axes(links, joints, leg)
+    chain = _leg_axes(links, leg)
     if chain is None:
         return None
     x, y, third = chain.axes

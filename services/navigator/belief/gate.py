@@ -182,15 +182,14 @@ def largest_variance(cov: Array) -> float:
 
 
 @row_kernel
-def reach_of(mean: Array, cov: Array, distance: float, r: float, b: float, gate: float) -> float:
+def reach_of(cov: Array, distance: float, r: float, b: float, gate: float) -> float:
     """Return the radius, m, of a circle about the place of a detection that holds every landmark in its gate.
 
     In the gate |nu_r| < g sqrt(S_rr) and |nu_phi| < g sqrt(S_phiphi), with nu the innovation of range and bearing, S
     its covariance, g^2 = gate; the variance of the position is at most the larger eigenvalue of its block of Sigma.
 
     Args:
-        mean: believed x, y (m), heading (rad), frame map, (3,) or longer.
-        cov: covariance Sigma of `mean`, (3, 3) or larger.
+        cov: covariance Sigma of believed x, y (m) and heading (rad), (3, 3) or larger.
         distance: detected, m.
         r: variance of the range, m^2.
         b: variance of the bearing, rad^2.
@@ -266,7 +265,7 @@ def nearest_look(
     """
     r, b = variances(distance, noise)
     gate, alike = limits.gate, limits.look_sds * noise.look_sd * math.sqrt(look.size)
-    reach = reach_of(mean, cov, distance, r, b, gate)
+    reach = reach_of(cov, distance, r, b, gate)
     at_x = mean[X] + distance * math.cos(mean[THETA] + bearing)
     at_y = mean[Y] + distance * math.sin(mean[THETA] + bearing)
     low_c, high_c, low_r, high_r = _cells(world.grid, at_x, at_y, reach)

@@ -114,7 +114,7 @@ def test_statements_that_cannot_be_are_refused(kind):
         FeetOptions.of(stated)
 
 
-def test_statements_that_do_not_fit_the_log_are_refused(log, path, tmp_path):
+def test_statements_that_do_not_fit_the_log_are_refused(path, tmp_path):
     with expect_error(SurefootError, field="foot_radius", text="3 radii"):
         opened(path, foot_radius=[0.01, 0.01, 0.01])
     bare = {key: value for key, value in np.load(path).items() if key != "foot_rotation"}

@@ -56,7 +56,7 @@ def test_one_sole_decides_by_its_own_axes() -> None:
     assert turned_by_feet(replace(sole, w=-sole.w)) < -0.9
 
 
-FLIGHT_S, STAND_S, SINK_M = 0.3, 0.2, 0.04
+FLIGHT_S, STAND_S = 0.3, 0.2
 
 
 def hopping(t: np.ndarray) -> np.ndarray:

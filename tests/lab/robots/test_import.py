@@ -117,7 +117,7 @@ def test_a_trunk_with_other_axes_is_reported(bring_in, tmp_path, euler, doubt):
     assert doubt in found[0]
 
 
-def test_a_foot_at_its_second_joint_does_not_hide_the_axes_of_the_others(bring_in, tmp_path):
+def test_a_foot_at_its_second_joint_does_not_hide_the_axes_of_the_others(bring_in):
     text = MJCF.replace('range="-150 -30"', 'range="-120 120"').replace('range="-60 120"', 'range="-90 90"')
     text = text.replace('<body name="fl_foot" pos=".01 0 -.2">', '<body name="fl_foot" pos="5e-5 0 .21">')
     text = text.replace('<body name="fl_hip"', '<frame euler="180 0 0"><body name="fl_hip"')

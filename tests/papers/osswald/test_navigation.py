@@ -17,7 +17,7 @@ from surefoot.services.navigator.policy.decider import hand
 from surefoot.services.navigator.policy.params import load
 
 
-def test_the_entropy_threshold_is_the_fastest_of_those_that_always_arrive(monkeypatch):
+def test_the_entropy_threshold_is_the_fastest_of_those_that_always_arrive():
     found, chosen = osswald.tune(arrays(load("paper-blur", (osswald.THREE_STATES,))), Seeds(0, 150))
     assert set(found) == set(osswald.THRESHOLDS)
     assert found[chosen][1] == 1.0

@@ -126,7 +126,7 @@ def test_a_reset_ends_the_round_and_its_model_is_in_force(tmp_path: Path) -> Non
     assert one.select(asked("lf")).model == "made/306+1"
 
 
-def test_a_hand_made_score_is_not_learned_again(tmp_path: Path) -> None:
+def test_a_hand_made_score_is_not_learned_again() -> None:
     one = mapped("hand-made", relearn="paper", relearn_every=2)
     assert {reply.model for reply in walk(one, 10)} == {"hand-made/1"}
 

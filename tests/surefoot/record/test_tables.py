@@ -77,7 +77,7 @@ def test_an_npz_with_feet_of_their_own_rate(npz):
     assert "unknown" not in columns
 
 
-def test_sorting_puts_all_rows_in_order(csv, npz):
+def test_sorting_puts_all_rows_in_order(csv):
     lines = rows()
     lines[7], lines[20] = lines[20], lines[7]
     np.testing.assert_array_equal(read_table(csv(lines), sort=True)["gyro"], read_table(csv(rows()))["gyro"])

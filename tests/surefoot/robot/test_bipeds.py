@@ -32,7 +32,7 @@ def test_published_sizes():
         assert robot.contacts.switches == 4
 
 
-def test_both_sides_are_mirror_images(rng):
+def test_both_sides_are_mirror_images():
     for robot in (BIOLOID, NAO):
         q = robot.neutral
         feet = kin.foot_positions(robot.model, q)
@@ -40,7 +40,7 @@ def test_both_sides_are_mirror_images(rng):
         assert abs(kin.com(robot.model, q)[1]) < 1e-15
 
 
-def test_one_motor_turns_both_hips_of_nao(rng):
+def test_one_motor_turns_both_hips_of_nao():
     left, right = NAO.legs
     assert left.joints[0] == right.joints[0] == NAO.joint_names.index("left_leg_hip_yaw_pitch")
     q = np.zeros(NAO.nj)

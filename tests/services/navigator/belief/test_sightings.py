@@ -67,7 +67,7 @@ def test_a_search_in_portions_returns_what_a_whole_one_does_and_no_portion_is_la
     assert parts.step(HERE, work) is None  # nothing new was seen
 
 
-def test_a_look_after_an_hour_takes_no_more_work_than_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_look_after_an_hour_takes_no_more_work_than_the_first() -> None:
     """Work is counted by kernels, in comparisons, so the test does not depend on the machine."""
     world = floor(3, 60.0, copied=0.5)
     eye, parts = Eye(world, EASY, 3, recognised=0.45, false=0.1), Relocaliser(world, EASY)

@@ -127,7 +127,7 @@ def test_a_variable_that_an_import_reads_takes_a_process_of_its_own(forks):
         assert not other.serves(words, {})
 
 
-def test_a_system_of_two_of_our_services_has_a_server(tmp_path):
+def test_a_system_of_two_of_our_services_has_a_server():
     def services(*names):
         text = "services:\n" + "".join(f"  {name}: {{ command: {command} }}\n" for name, command in names)
         return parse_compose(text).services.values()

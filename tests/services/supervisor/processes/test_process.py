@@ -137,7 +137,7 @@ def test_processor_time_of_processes_grows_while_they_work():
     assert busy_s((os.getpid(),)) > before > 0.0
 
 
-def test_who_waits_for_processes_returns_when_one_ends_and_not_before(tmp_path) -> None:
+def test_who_waits_for_processes_returns_when_one_ends_and_not_before() -> None:
     with running(SLEEP) as lasting, running(SLEEP) as dying:
         pids = (lasting.pid, dying.pid)
         assert await_end(pids, 0.01)

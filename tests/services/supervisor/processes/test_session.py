@@ -154,7 +154,7 @@ def test_a_stop_outlives_its_driver(listen, order):
         assert session._stop == ""
 
 
-def test_status_reports_why_a_run_has_ended(listen, monkeypatch):
+def test_status_reports_why_a_run_has_ended(listen):
     with Session(parse_compose(IDLE), listen=listen) as session:
         session.supervisor.status = SimStatus(state="ended", rtf=0.0, ticks=7, comparable=True, failed="it diverged")
         lives(session, "1", True, "a", "driver")
