@@ -157,7 +157,7 @@ def shape(
         notes: gets what was assumed.
 
     Raises:
-        SurefootError: the orientations that a sole needs are missing, or show that it is none.
+        SurefootError: the orientations that a sole needs are missing, or show that the foot has no flat sole.
     """
     feet = position.shape[1]
     turned = "foot_rotation" in columns or "foot_quat_wxyz" in columns or "joints" in columns

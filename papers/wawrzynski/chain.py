@@ -72,7 +72,7 @@ def chain_from_dh(a: Array, alpha: Array, d: Array, offset: Array, imu_position:
 def chain_from_robot(robot: Robot, leg: int) -> Chain:
     """Return the chain of one leg of a robot; frame 1 has its origin at the foot centre, z along the first axis.
 
-    Seen from the foot a joint turns the other way round, hence theta = -(joint angle).
+    Seen from the foot a joint turns in the opposite sense, hence theta = -(joint angle).
     """
     model = robot.model
     links = list(_links_to_trunk(model.parent, int(model.foot_link[leg])))  # foot link first

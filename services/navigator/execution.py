@@ -80,7 +80,7 @@ class Execution:
             self.pieces[-1] = Piece(motion, reached, end)
 
     def settle(self, now: float) -> None:
-        """Record at `now`, s, that the walker stands: all actions end after the lag at the latest."""
+        """Record at `now`, s, that the walker stands: all actions end then, or at most the trunk's lag later."""
         for piece in self.pieces:
             piece.end = min(piece.end, max(now + self.lag, piece.start + 1e-3))
             piece.start = min(piece.start, now)

@@ -30,7 +30,7 @@ class Maps:
 
     Args:
         config: names the files, with the radius of the robot, m, and the viewing distance, m.
-        conduct: distances of echoes, m, and times; None = the defaults.
+        conduct: settings of goals, of which distances of ranger echoes, m, are used; None = the defaults.
 
     Raises:
         Refusal: a map file that cannot be used, or a radius of the robot above 0.35 m.

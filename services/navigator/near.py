@@ -32,7 +32,7 @@ class Near:
         before it, s; NaN = it does not."""
 
     def begin(self) -> None:
-        """Forget the stand of an earlier goal."""
+        """Forget since when the robot has stood before an obstacle, at the begin of a goal."""
         self._stands_from = math.nan
 
     def sense(self, now: float, *, close: bool) -> None:

@@ -117,7 +117,7 @@ class LastSeconds:
     """Output that holds the last seconds of a run in memory and writes a file at each fall, stop and request."""
 
     def __init__(self, config: RecorderConfig, path: Path, facts: Callable[[], dict[str, str]]) -> None:
-        """`facts`: returns what is known of the run so far; each file states it."""
+        """Prepare an empty buffer; `path`: of the files; `facts`: returns facts on the run so far, for each file."""
         self._description, self._path, self.path, self._facts = _Description(config), path, "", facts
         self._span = max(1, round(config.ring_s / TICK_S))
         self._ring_s = config.ring_s

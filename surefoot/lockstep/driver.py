@@ -108,16 +108,7 @@ class DriverNode(Node):
         return []  # the driver proves no links: participants do, and report it
 
     def begin(self, expect: tuple[str, ...], mode: str, rtf: float, delay: int, policy: str, seed: int) -> int:
-        """Start a new run, whose tick 0 comes once all services have tested their links; return its number (epoch).
-
-        Args:
-            expect: services that must be ready before tick 0.
-            mode: `lockstep`, or `paced` by the wall clock.
-            rtf: real-time factor of paced time, simulated over wall time.
-            delay: ticks after which a joint command acts; 0 = in its own tick.
-            policy: reaction to a lost service: `hold` (wait), `degrade` (go on without it), `fail` (end the run).
-            seed: seed of the run, which manifests carry.
-        """
+        """Start a new run with settings as in `ResetRequest`, tick 0 once all links are tested; return its epoch."""
         leader = self.leader
         self._reveal()
         leader.expect, leader.delay, leader.seed = tuple(n for n in expect if n != self.name), delay, seed
