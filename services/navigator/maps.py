@@ -30,7 +30,7 @@ class Maps:
 
     Args:
         config: names the files, with the radius of the robot, m, and the viewing distance, m.
-        conduct: settings of goals, of which distances of ranger echoes, m, are used; None = the defaults.
+        conduct: distances of ranger echoes, m, and how long obstacles are remembered, s; None = the defaults.
 
     Raises:
         Refusal: a map file that cannot be used, or a radius of the robot above 0.35 m.
