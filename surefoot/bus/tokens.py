@@ -14,6 +14,7 @@ from typing import Any
 import zenoh
 from zenoh.handlers import Callback
 
+from surefoot.bus.hidden import Merged, sealed_for_any
 from surefoot.bus.interface import Life
 from surefoot.bus.pour import keep_thread_state
 from surefoot.bus.seals import DRIVER
@@ -94,14 +95,30 @@ class Tokens:
         session: session of Zenoh.
         services: names of the services of the system; empty = they are not known, all names are watched.
         everything: watch all names, as the router does, which counts the tokens under names of no service.
+        hidden: first word of the hidden keys of the system (see `hidden`); empty = there are none.
+        secret: secret of the system; empty = none.
+        on_change: called when a token appears or vanishes under any public key, if all names are watched.
     """
 
-    def __init__(self, session: zenoh.Session, services: tuple[str, ...], *, everything: bool) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        services: tuple[str, ...],
+        *,
+        everything: bool,
+        hidden: str = "",
+        secret: str = "",
+        on_change: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._on_change = on_change
         self._session, self._services = session, services
-        self.names = (*services, DRIVER) if services else ("*",)
-        """Names of all that may be participants, by which a key expression finds their tokens."""
+        self._hidden, self._sealed = hidden, sealed_for_any(secret, services)
+        self._merged: dict[str, list[Merged]] = {}
+        """Readers of the services whose tokens are watched under hidden keys and under public ones, by service."""
         self._everything = everything or not services
         self._keep: dict[str, list[zenoh.Subscriber[None]]] = {}
+        self._public: dict[str, list[zenoh.Subscriber[None]]] = {}
+        """Subscriptions to the public keys of services that are watched under hidden keys, too, by service."""
         self._added: dict[str, int] = {}
         """Number of visible tokens of each name that was added to those of the system."""
         self._sinks: list[Callable[[Life], Any]] = []
@@ -119,15 +136,38 @@ class Tokens:
             self._sinks.append(sink)
             for service in sorted({*names, DRIVER}):
                 self._subscribe(service, sink, indirect=False)
-        elif not self._services:
-            self._subscribe("*", sink, indirect=True)
-        else:
-            counts = Counter[str]() if self._keep else self._foreign  # once, however many watch
-            foreign = Foreign((*self._services, *names, DRIVER), counts, _owners())
-            self._subscribe("*", lambda life: sink(life) if foreign.passes(life) else None, indirect=True)
+            return
+        first = not self._keep  # counted once, however many watch
+        known = (*self._services, *names, DRIVER)
+        foreign = Foreign(known, self._foreign if first else Counter(), _owners()) if self._services else None
+
+        def on_life(life: Life) -> None:
+            if first:
+                self._on_change()
+            if foreign is None or foreign.passes(life):
+                sink(life)
+
+        self._subscribe("*", on_life, indirect=True)
+
+    @property
+    def expressions(self) -> tuple[str, ...]:
+        """Key expressions that find the tokens of all processes that may be participants."""
+        names = (*self._services, DRIVER)
+        if not self._services:
+            return (f"{LIVE}/*/*",)
+        closed = {name for name, readers in self._merged.items() if all(one.closed for one in readers)}
+        hidden = (f"{self._hidden}/{name}/*" for name in names) if self._hidden else ()
+        return (*hidden, *(f"{LIVE}/{name}/*" for name in names if name not in closed))
 
     def troubles(self) -> list[LinkTrouble]:
-        """Return the tokens under names of no service that came since the last call, as reports for health and log."""
+        """Return the tokens under names of no service that came since the last call, as reports for health and log.
+
+        Public keys that do not count any more are watched no longer from this call on.
+        """
+        for service, readers in tuple(self._merged.items()):
+            if service in self._public and all(one.closed for one in readers):
+                for subscriber in self._public.pop(service):
+                    subscriber.undeclare()
         found = list(self._foreign.items())
         self._foreign.clear()
         text = "token of {!r}, which is no service of this system"
@@ -146,8 +186,9 @@ class Tokens:
             if bare is None:
                 return
             del self._added[bare]
-            for subscriber in self._keep.pop(bare):
+            for subscriber in (*self._keep.pop(bare), *self._public.pop(bare, ())):
                 subscriber.undeclare()
+            self._merged.pop(bare, None)
         self._added[service] = 0
         for sink in self._sinks:
             self._subscribe(service, sink, indirect=False)
@@ -155,14 +196,26 @@ class Tokens:
     def _subscribe(self, service: str, sink: Callable[[Life], Any], *, indirect: bool) -> None:
         """Subscribe to the tokens of a service; ``indirect``: `sink` is called by a thread of its own."""
 
+        def counted(life: Life) -> None:
+            if life.service in self._added:
+                self._added[life.service] += 1 if life.alive else -1
+            sink(life)
+
+        if not self._hidden or self._everything:
+            self._keep.setdefault(service, []).append(self._declare(LIVE, service, counted, indirect))
+            return
+        merged = Merged(counted, self._sealed)
+        self._merged.setdefault(service, []).append(merged)
+        self._keep.setdefault(service, []).append(self._declare(self._hidden, service, merged.hidden, indirect))
+        self._public.setdefault(service, []).append(self._declare(LIVE, service, merged.public, indirect))
+
+    def _declare(
+        self, word: str, service: str, sink: Callable[[Life], Any], indirect: bool
+    ) -> "zenoh.Subscriber[None]":
         def on_sample(sample: zenoh.Sample) -> None:
             keep_thread_state()
             _, name, instance = str(sample.key_expr).rsplit("/", 2)
-            life = Life(name, instance, sample.kind == zenoh.SampleKind.PUT)
-            if name in self._added:
-                self._added[name] += 1 if life.alive else -1
-            sink(life)
+            sink(Life(name, instance, sample.kind == zenoh.SampleKind.PUT))
 
         handler = Callback(on_sample, indirect=indirect)
-        kept = self._session.liveliness().declare_subscriber(f"{LIVE}/{service}/*", handler, history=True)
-        self._keep.setdefault(service, []).append(kept)
+        return self._session.liveliness().declare_subscriber(f"{word}/{service}/*", handler, history=True)

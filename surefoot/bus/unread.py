@@ -48,7 +48,8 @@ class LinkTrouble(NamedTuple):
         reason: `unread` the peer reads nothing, `unlinked` it is alive but has no link to this process, `late`
             messages of a process come after later ones, `forged` messages in the name of a process lack its seal,
             `foreign_token` liveliness tokens are shown under a name of no service, `too_large` messages are larger than
-            any legal one of their key, `heavy` a client sends more at a stretch than the largest message.
+            any legal one of their key, `heavy` a client sends more at a stretch than the largest message, `token_flood`
+            tokens come and go without end, `flooder <address>` the link to the client that shows them was ended.
         text: message for the log.
         peer: name of its session; of late and forged messages their key, of tokens their name.
         number: number by which it counts.
@@ -127,10 +128,16 @@ def connections() -> Iterator[tuple[str, Connection]]:
                 one = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 0, fileno=number)  # names spare system calls
                 try:
                     info = one.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
-                    host, port = one.getpeername()[:2]
+                    address = address_of(one)
                     (waiting,) = struct.unpack("i", fcntl.ioctl(number, termios.TIOCOUTQ, bytes(4)))
                 finally:
                     one.detach()  # the descriptor is the network library's
                 (taken,) = struct.unpack_from("Q", info, _TAKEN_AT)
                 (received,) = struct.unpack_from("Q", info, _RECEIVED_AT)
-                yield (f"[{host}]:{port}" if ":" in host else f"{host}:{port}"), Connection(waiting, taken, received)
+                yield address, Connection(waiting, taken, received)
+
+
+def address_of(one: socket.socket) -> str:
+    """Return the address of the other end of a connected socket, as Zenoh writes it (raises OSError: not connected)."""
+    host, port = one.getpeername()[:2]
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -15,9 +15,11 @@ from zenoh.handlers import Callback, RingChannel
 
 from surefoot.bus.asking import TOKENS_S, Asking, plain_attachment
 from surefoot.bus.codec import decode, encode, encoding_of, validate_json
-from surefoot.bus.endpoint import without_source
+from surefoot.bus.endpoint import is_secure, without_source
+from surefoot.bus.flapping import Flapping
 from surefoot.bus.guard import Guard
 from surefoot.bus.heavy import Heavy
+from surefoot.bus.hidden import hidden_word, sealed_for_any
 from surefoot.bus.interface import Delivery, Incoming, Life
 from surefoot.bus.mesh import INTRODUCE_S, ROUTER_S, Mesh, linked_to, tokens_of_any
 from surefoot.bus.options import DEFAULT_FLEET as DEFAULT_FLEET
@@ -142,7 +144,18 @@ class ZenohBus:
         self._reported: Counter[tuple[str, str]] = Counter()
         """Refused answers at the last look at the links, by key and process."""
         self._framers: dict[str, Framer] = {}
-        self._tokens = Tokens(self.session, endpoint.services, everything=endpoint.mode == "router")
+        self._hidden = "" if endpoint.mode == "client" or _secure(endpoint) else hidden_word(endpoint.secret)
+        """First word of the keys of tokens that only processes of this system know; empty = there are none."""
+        router = endpoint.mode == "router"
+        self._flapping = Flapping(self.session, sealed_for_any(endpoint.secret, endpoint.services)) if router else None
+        self._tokens = Tokens(
+            self.session,
+            endpoint.services,
+            everything=router,
+            hidden=self._hidden,
+            secret=endpoint.secret,
+            on_change=self._flapping.note if self._flapping else lambda: None,
+        )
         visible = partial(self._visible, self.session)
         self._mesh = Mesh(partial(linked_to, self.session), visible, self._alive, self._introduce)
 
@@ -289,8 +302,9 @@ class ZenohBus:
         lost = self._mesh.look() if self.endpoint.mode == "peer" else []
         strange = (*self._guard.troubles(), *self._tokens.troubles(), *self._receiving.troubles())
         heavy = [] if self._heavy is None else self._heavy.look()
+        flapping = [] if self._flapping is None else self._flapping.look()
         hand_back_growth()
-        return [*self._unread.look(), *heavy, *lost, *strange, *self._refused_answers()]
+        return [*self._unread.look(), *heavy, *flapping, *lost, *strange, *self._refused_answers()]
 
     def _refused_answers(self) -> list[LinkTrouble]:
         """Return the answers to queries of this process that were refused since the last call, by key and process."""
@@ -302,7 +316,7 @@ class ZenohBus:
         ]
 
     def _visible(self, session: zenoh.Session) -> set[str]:
-        found = tokens_of_any(session, [f"{LIVE}/{name}/*" for name in self._tokens.names], TOKENS_S)
+        found = tokens_of_any(session, self._tokens.expressions, TOKENS_S)
         return {key.rpartition("/")[2] for key in found}
 
     def _alive(self) -> set[str]:
@@ -317,7 +331,8 @@ class ZenohBus:
             over.wait(INTRODUCE_S)
 
     def announce(self, service: str, instance: str, *, ready: bool = True) -> None:
-        self._keep.append(self.session.liveliness().declare_token(f"{LIVE if ready else STARTS}/{service}/{instance}"))
+        for word in (self._hidden, LIVE) if ready and self._hidden else (LIVE if ready else STARTS,):
+            self._keep.append(self.session.liveliness().declare_token(f"{word}/{service}/{instance}"))
 
     def watch(self, sink: Callable[[Life], Any], services: Iterable[str] | None = None) -> None:
         def on_life(life: Life) -> None:
@@ -332,6 +347,8 @@ class ZenohBus:
 
     def close(self) -> None:
         self._mesh.close()
+        if self._flapping is not None:
+            self._flapping.close()
         self._replies.finish(CLOSE_S)
         if not self.session.is_closed():
             with suppress(zenoh.ZError):  # a reader that does not read leaves the last messages unsent
@@ -339,6 +356,11 @@ class ZenohBus:
         for thread in self._pours:  # one that is still in the network library when the interpreter ends aborts it
             if thread is not threading.current_thread():
                 thread.join(CLOSE_S)
+
+
+def _secure(endpoint: ZenohOptions) -> bool:
+    """Return whether a session shows certificates, by which the router passes tokens of their owner only."""
+    return is_secure((*endpoint.connect, *endpoint.listen))
 
 
 def _from_stranger(replies: Replies, query: Query[Any, Any], secret: str, asked: zenoh.Query) -> ZenohIncoming:
