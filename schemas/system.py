@@ -33,7 +33,7 @@ class JoinReply(Reply):
 class Health(Message):
     """Health of a service, published each second of wall time; ``health/<service>`` is also a queryable."""
 
-    schema_version: ClassVar[str] = "2.2"
+    schema_version: ClassVar[str] = "2.3"
     service: str = Field(description="name of the service")
     instance: str = Field(description="identity of the process")
     state: Literal["starting", "compiling", "joining", "ready", "running", "stopping"] = Field(
@@ -58,6 +58,7 @@ class Health(Message):
         default_factory=dict, description="inputs that were late in this epoch, and their greatest age, s"
     )
     waiting_for: tuple[str, ...] = Field(default=(), description="links not yet proved, or inputs of the tick awaited")
+    trouble: str = Field(default="", description="what the service cannot do although it runs, in words")
 
 
 class HealthRequest(Request):
@@ -67,7 +68,7 @@ class HealthRequest(Request):
 class HealthReply(Reply):
     """Reply of a service to a health request: its present health."""
 
-    schema_version: ClassVar[str] = "2.2"
+    schema_version: ClassVar[str] = "2.3"
     health: Health = Field(description="as published on health/<service>")
 
 
@@ -114,12 +115,14 @@ class RecorderRequest(Request):
 class RecorderReply(Reply):
     """Reply of the recorder: file and state of the present recording."""
 
+    schema_version: ClassVar[str] = "1.1"
     path: str = Field(description="file that is written")
     epoch: int = Field(ge=0, description="epoch of the recording")
     tick: int = Field(ge=-1, description="last tick on disk")
     messages: int = Field(ge=0, description="messages written")
     finished: bool = Field(description="the last tick of the run is on disk and the file is closed")
     run_hash: str = Field(default="", description="sha256 over all deterministic topics, once finished")
+    trouble: str = Field(default="", description="why nothing more is written in this run, in words")
 
 
 class SaveRequest(Request):

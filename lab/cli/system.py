@@ -331,11 +331,11 @@ def _show_status(name: str, content: dict[str, Any], hints: Sequence[str] = (), 
 
 
 def _remarks(row: dict[str, Any]) -> str:
-    """Return remarks on a service as text: reason of ill health, silent inputs, refused and dropped messages."""
+    """Return remarks on a service as text: reason of ill health, trouble, silent inputs, refusals, dropped messages."""
     silent = [f"{key} silent for {age:.1f} s" for key, age in row.get("late", {}).items()]
     refused = [f"{n}x {reason}" for reason, n in _refusals(row)]
     dropped = [f"{n}x {key} dropped" for key, n in row.get("dropped", {}).items()]
-    return ", ".join([*([row["detail"]] if row["detail"] else []), *silent, *refused, *dropped])
+    return ", ".join([*filter(None, (row["detail"], row.get("trouble", ""))), *silent, *refused, *dropped])
 
 
 def _refusals(row: dict[str, Any]) -> list[tuple[str, int]]:

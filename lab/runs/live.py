@@ -308,9 +308,10 @@ def _late(status: SimStatus | None) -> list[str]:
 
 
 def _unrecorded(wanted: Path | None, recorded: RecorderReply | None) -> list[str]:
-    """Return a note if the recording ended before the run; an empty list if it is complete."""
-    failed = wanted is not None and recorded is not None and recorded.finished and not recorded.path
-    return ["the recording could not be written to its end; `surefoot logs recorder` shows why"] if failed else []
+    """Return notes if the recording ended before the run; an empty list if it is complete."""
+    if wanted is None or recorded is None or not recorded.trouble:
+        return []
+    return ["the recording could not be written to its end; `surefoot logs recorder` shows why", recorded.trouble]
 
 
 def _writable(folder: Path) -> Path:

@@ -92,14 +92,21 @@ class WholeRun:
             if self._writer is not None:
                 self._writer.write(topic, header, raw)
         except OSError:
+            if self._writer is not None:
+                self._writer.give_up()
             self._writer = None
             raise
 
     def end(self, summary: dict[str, str], hashes: Mapping[str, str]) -> None:
         """Write summary and index of the recording and close its file (raises OSError)."""
         writer, self._writer = self._writer, None
-        if writer is not None:
+        if writer is None:
+            return
+        try:
             writer.close(summary, hashes)
+        except OSError:
+            writer.give_up()
+            raise
 
     def save(self, reason: str) -> tuple[str, int]:
         """Refuse the request (raises Refusal): all of the run is written anyway."""

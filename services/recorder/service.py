@@ -53,6 +53,7 @@ class Recorder(Service[RecorderConfig]):
     def on_reset(self) -> None:
         self._close()
         self._hash, self._finished, self._failed, self._began_s = RunHash(), False, False, None
+        self.trouble = ""
         self._latched, self._known = {}, set()  # a driver that was started again counts its epochs from 1
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
@@ -102,6 +103,7 @@ class Recorder(Service[RecorderConfig]):
         return RecorderReply(
             path=sendable(path), epoch=self._epoch, tick=self._tick, finished=self._finished,
             messages=sum(self._hash.counts.values()), run_hash=self._hash.hexdigest() if self._finished else "",
+            trouble=sendable(self.trouble),
         )  # fmt: skip
 
     def save(self, request: SaveRequest) -> SaveReply:
@@ -123,7 +125,9 @@ class Recorder(Service[RecorderConfig]):
             work(self._output)
         except OSError as error:
             self._failed = True
-            self.log("error", f"no recording: {self.config.path}: {error.strerror or error}")
+            why = f"{self.config.path}: {error.strerror or error}"
+            self.trouble = f"nothing is recorded from tick {self._tick} on: {why}"
+            self.log("error", f"no recording: {why}")
 
     def _flush(self) -> None:
         pending, self._pending = self._pending, []

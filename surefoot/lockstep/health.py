@@ -12,6 +12,7 @@ from surefoot.lockstep.ages import Ages
 from surefoot.lockstep.config import config_hash
 from surefoot.lockstep.join import Join
 from surefoot.lockstep.service import Service
+from surefoot.logline import sendable
 from surefoot.schemas.system import Health, JoinRequest
 from surefoot.version import VERSION
 
@@ -61,7 +62,7 @@ def health_of(node: Patient, waiting_for: tuple[str, ...]) -> Health:
         cpu_s=usage.ru_utime + usage.ru_stime, rss_mb=memory_mb(),
         refused=dict(node.refused), dropped=node.inbox.dropped(), version=VERSION,
         config_hash=config_hash(node.service.config), waiting_for=waiting_for,
-        late=dict(node.ages.late), silences=dict(node.ages.longest),
+        late=dict(node.ages.late), silences=dict(node.ages.longest), trouble=sendable(node.service.trouble),
     )  # fmt: skip
 
 

@@ -59,6 +59,8 @@ class Service(Generic[C]):
         self.config = config
         self.handlers: dict[str, Callable[[Any], Wire | Future[Any]]] = {}
         self._runtime: Runtime | None = None
+        self.trouble = ""
+        """What the service cannot do although it runs, in words, for its health; empty = nothing."""
 
     # -- overridden --------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 import json
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from errno import EINVAL
 from pathlib import Path
@@ -77,6 +78,11 @@ class RecordingWriter:
         stamp_ns = min(max(header.stamp_ns, 0), LATEST_NS)  # a log record may carry any
         self._writer.add_message(channel, stamp_ns, header.seq & MOST_SEQ, data)
         self.messages += 1
+
+    def give_up(self) -> None:
+        """Close the file as it is, without metadata and index, as one that cannot be written any more."""
+        with suppress(OSError):  # what is buffered does not fit either
+            self._file.close()
 
     def _add_channel(self, key: str, model: type[Message]) -> tuple[int, bool]:
         bulk = issubclass(model, Bulk)

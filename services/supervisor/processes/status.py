@@ -6,7 +6,18 @@ from surefoot.schemas.status import SimStatus
 from surefoot.schemas.system import Health
 from surefoot.simtime import pace
 
-NUMBERS = ("tick", "tick_p50_us", "tick_p99_us", "cpu_s", "rss_mb", "refused", "dropped", "late", "waiting_for")
+NUMBERS = (
+    "tick",
+    "tick_p50_us",
+    "tick_p99_us",
+    "cpu_s",
+    "rss_mb",
+    "refused",
+    "dropped",
+    "late",
+    "waiting_for",
+    "trouble",
+)
 TIME = ("state", "rtf", "pace", "late", "held", "tick")
 
 

@@ -1,6 +1,9 @@
 """The recorder: every tick whole, the hash of the run, and a disk that fails does not end the run."""
 
+import errno
 import json
+import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +11,13 @@ import pytest
 
 from surefoot.bus.codec import decode, encode
 from surefoot.bus.interface import Delivery, Raw
+from surefoot.lab.cli.system import _remarks  # pyright: ignore[reportPrivateUsage]
+from surefoot.lab.runs.live import _unrecorded  # pyright: ignore[reportPrivateUsage]
 from surefoot.lockstep import driver as driver_module
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.local import LocalSystem
-from surefoot.record.recording import read_recording, recording_info
+from surefoot.record.recording import RecordingWriter, read_recording, recording_info
 from surefoot.schemas import topics
 from surefoot.schemas.base import Message
 from surefoot.schemas.hw import Tick
@@ -21,6 +26,7 @@ from surefoot.schemas.terrain import HeightMapMessage
 from surefoot.schemas.topics import Topic
 from surefoot.services.recorder.config import RecorderConfig
 from surefoot.services.recorder.service import JOINED, Recorder
+from surefoot.services.supervisor.processes.status import health_row
 from surefoot.version import VERSION
 from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyWalker
 
@@ -237,6 +243,36 @@ def test_a_path_that_cannot_be_written_is_logged_and_the_run_goes_on(tmp_path: P
     errors = [line.text for line in logged if line.level == "error"]
     assert len(errors) == 1
     assert str(path) in errors[0]
+
+
+def test_a_disk_that_is_full_in_a_run_is_in_health_and_status_until_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, system, driver = tmp_path / "run.mcap", *begun(tmp_path / "run.mcap")
+    write = RecordingWriter.write
+
+    def on_full(writer: Any, topic: Any, header: Any, raw: Any) -> None:
+        if driver.node.leader.tick >= 10:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(writer, topic, header, raw)
+
+    monkeypatch.setattr(RecordingWriter, "write", on_full)
+    recorder = system.nodes[3]
+    assert recorder.health().trouble == ""
+    finish(system, driver)
+    found = status(system)
+    wanted = rf"nothing is recorded from tick \d+ on: {re.escape(str(path))}: No space left on device"
+    assert re.fullmatch(wanted, found.trouble)
+    assert recorder.health().trouble == found.trouble
+    assert found.finished
+    assert _unrecorded(path, found)[1:] == [found.trouble]
+    assert _remarks({"detail": "", **health_row(recorder.health())}).startswith(found.trouble)
+    monkeypatch.setattr(RecordingWriter, "write", write)
+    driver.x = 0.0
+    begin(driver, 10)
+    finish(system, driver)
+    assert status(system).trouble == recorder.health().trouble == ""
+    assert _unrecorded(path, status(system)) == []
 
 
 def test_a_path_that_is_no_utf8_is_written_and_reported(tmp_path: Path) -> None:
