@@ -1,4 +1,4 @@
-"""Reaction of a service to SIGTERM and SIGINT, on a separate thread.
+"""Reaction of a service to SIGTERM, SIGINT and SIGHUP, on a separate thread.
 
 A Python signal handler runs between two instructions of the main thread: not while a library compiles or waits there,
 and an exception raised in it may pass through foreign code, which aborts the process. Here the handlers do nothing;
@@ -10,11 +10,12 @@ import signal
 import threading
 from collections.abc import Callable
 
-ENDS = (signal.SIGTERM, signal.SIGINT)
+ENDS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+"""Signals that end a service in order; SIGHUP, of a terminal that is closed, unless `nohup` has it ignored."""
 
 
 class Ending:
-    """Reaction to SIGTERM and SIGINT: exit at once with code 0, until `prepared` sets a function to call instead."""
+    """Reaction to the signals `ENDS`: exit at once with code 0, until `prepared` sets a function to call instead."""
 
     def __init__(self) -> None:
         self._stop: Callable[[], None] | None = None
@@ -29,7 +30,8 @@ class Ending:
         reader, writer = os.pipe()
         os.set_blocking(writer, False)
         for number in ENDS:
-            signal.signal(number, _nothing)
+            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, _nothing)
         signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
         threading.Thread(target=self._read, args=(reader,), name="ending", daemon=True).start()
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDS)  # whoever starts services holds them back until here
@@ -61,4 +63,4 @@ def _nothing(number: int, frame: object) -> None:
 
 
 ENDING = Ending()
-"""Handler of SIGTERM and SIGINT of this process."""
+"""Handler of the signals `ENDS` of this process."""

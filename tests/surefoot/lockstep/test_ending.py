@@ -1,6 +1,7 @@
 """SIGTERM at any moment of a start ends a service with exit code 0, and soon."""
 
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -43,7 +44,7 @@ def processor_s(pid: int) -> float:
 
 
 @pytest.mark.parametrize("work", ["foreign", "callback", "python"])
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_while_the_main_thread_is_busy(work: str, number: signal.Signals) -> None:
     with running([sys.executable, "-c", COMPILES, work], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -55,6 +56,46 @@ def test_while_the_main_thread_is_busy(work: str, number: signal.Signals) -> Non
         process.send_signal(number)
         assert process.wait(SLOW_S) == 0
         assert time.monotonic() - began < STOP_S
+
+
+WAITS = """
+import sys, threading
+from surefoot.lockstep.ending import ENDING
+from surefoot.logline import write_line
+ENDING.watch()
+ended = threading.Event()
+ENDING.prepared(ended.set)
+print("ready", flush=True)
+ended.wait()
+write_line("ends in order")
+open(sys.argv[1], "w").write("closed")
+"""
+
+
+def test_a_service_whose_terminal_is_closed_ends_in_order(tmp_path: Path) -> None:
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.execv(sys.executable, [sys.executable, "-c", WAITS, str(tmp_path / "end")])
+    with open(terminal, "rb", buffering=0) as screen:
+        while b"ready" not in screen.read(4096):
+            pass
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+    assert (tmp_path / "end").read_text() == "closed"
+
+
+def test_a_service_that_nohup_started_outlives_its_terminal() -> None:
+    command = [
+        "nohup",
+        sys.executable,
+        "-c",
+        WAITS.replace("ended.wait()", "print(ended.wait(0.2), flush=True)"),
+        "/dev/null",
+    ]
+    with running(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGHUP)
+        assert process.stdout.readline() == "False\n"
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6])
