@@ -7,11 +7,12 @@ once), `endpoint.json`, `processes.json` and `logs/<service>.log`.
 import fcntl
 import json
 import os
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from surefoot.state import ENDPOINT, NO_HOME, SECRET, state_home
+from surefoot.state import ENDPOINT, LOCK, NO_HOME, SECRET, is_held, state_home
 
 from .identity import Identity, end, identify
 
@@ -24,6 +25,11 @@ MEMORIES = {"walker": "walker.json", "navigator": "navigator.json"}
 """Services that keep a memory over their restarts, each with the name of its file in the run folder."""
 FILES = (ENDPOINT, SECRET, "processes.json", "supervisor.json", "status.json", "ready.json", *MEMORIES.values())
 """Names of the files in a run folder that describe a running system; they are removed when it ends."""
+
+
+LOCK_TRIES, LOCK_PAUSE_S = 5, 0.02
+"""`LOCK_TRIES`: number of tries to lock a run folder, as readers hold its lock for microseconds to see whether it is
+held; `LOCK_PAUSE_S`: time between two of them, s."""
 
 
 class RunFolderError(Exception):
@@ -76,17 +82,15 @@ class RunFolder:
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            stream = (self.path / "lock").open("ab")
+            stream = (self.path / LOCK).open("ab")
         except OSError as exc:
             hint = "; set XDG_STATE_HOME, as there is no home folder" if NO_HOME in self.path.parents else ""
             text = f"cannot write the run folder {self.path} ({exc.strerror}){hint}"
             raise RunFolderError(text, "unwritable") from exc
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as exc:
+        if not _locked(stream):
             stream.close()
-            raise self._taken() from exc
-        os.utime(self.path / "lock")
+            raise self._taken()
+        os.utime(self.path / LOCK)
         for path in self.memories.values():
             path.unlink(missing_ok=True)
         self._lock = stream
@@ -117,22 +121,15 @@ class RunFolder:
 
     def held(self) -> bool:
         """Return True if a live supervisor runs this system."""
-        try:
-            with (self.path / "lock").open("rb") as stream:
-                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:
-            return False
-        return False
+        return is_held(self.path)
 
     def write_endpoint(self, endpoint: Endpoint, secret: str = "") -> None:
         """Store the address of the system, its secret, and the identity of this process as its supervisor.
 
         Only this user can read these files.
         """
+        self._write(SECRET, secret)  # before the address: a client that finds this takes what is there as its secret
         self._write(ENDPOINT, endpoint._asdict())
-        self._write(SECRET, secret)
         own = identify(os.getpid())
         if own is not None:
             self._write("supervisor.json", own._asdict())
@@ -174,7 +171,7 @@ class RunFolder:
     def touched(self) -> float:
         """Return the wall time at which a supervisor last locked this run folder, s since 1970; 0 = never."""
         try:
-            return (self.path / "lock").stat().st_mtime
+            return (self.path / LOCK).stat().st_mtime
         except OSError:
             return 0.0
 
@@ -245,7 +242,19 @@ class RunFolder:
 def run_folders(home: Path | None = None) -> tuple[RunFolder, ...]:
     """Return the run folders of this user, running or not."""
     base = home or state_home()
-    return tuple(RunFolder(path.parent.name, base) for path in sorted(base.glob("*/lock")))
+    return tuple(RunFolder(path.parent.name, base) for path in sorted(base.glob(f"*/{LOCK}")))
+
+
+def _locked(stream: IO[bytes]) -> bool:
+    """Lock the file of a run folder; return False if a supervisor has it, and not only a reader for a moment."""
+    for left in reversed(range(LOCK_TRIES)):
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            if left:
+                time.sleep(LOCK_PAUSE_S)
+    return False
 
 
 def _identity(content: Any) -> Identity | None:
