@@ -10,7 +10,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, NamedTuple, cast
 
 from surefoot.state import ENDPOINT, LOCK, NO_HOME, SECRET, is_held, state_home
 
@@ -137,10 +137,10 @@ class RunFolder:
     def endpoint(self, *, orphaned: bool = False) -> Endpoint | None:
         """Return the address of the system, None if it does not run; `orphaned`: also without live supervisor."""
         content = self._read(ENDPOINT) if self.held() or (orphaned and self.orphans()) else None
-        try:
-            return None if content is None else Endpoint(**content)
-        except TypeError:
+        table = cast("dict[str, Any]", content) if isinstance(content, dict) else {}
+        if not {"connect", "namespace"} <= set(table) <= set(Endpoint._fields):
             return None
+        return Endpoint(**table) if all(isinstance(one, str) for one in table.values()) else None
 
     def supervisor(self) -> Identity | None:
         """Return the identity of the process that supervises this system, None if no such process lives."""
@@ -154,7 +154,7 @@ class RunFolder:
     def read_rows(self) -> list[dict[str, Any]]:
         """Return the stored rows of `surefoot status`, one a service."""
         rows = self._read("status.json")
-        return rows if isinstance(rows, list) else []
+        return [row for row in rows if _is_row(row)] if isinstance(rows, list) else []
 
     def write_ready(self, report: dict[str, Any]) -> None:
         """Store the report of `surefoot up`, which marks the system as ready."""
@@ -166,7 +166,8 @@ class RunFolder:
 
     def ready(self) -> dict[str, Any] | None:
         """Return the stored report of `surefoot up`, None until the system is ready."""
-        return self._read("ready.json") if self.held() else None
+        content = self._read("ready.json") if self.held() else None
+        return cast("dict[str, Any]", content) if isinstance(content, dict) else None
 
     def touched(self) -> float:
         """Return the wall time at which a supervisor last locked this run folder, s since 1970; 0 = never."""
@@ -235,7 +236,7 @@ class RunFolder:
     def _read(self, name: str) -> Any:
         try:
             return json.loads((self.path / name).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             return None
 
 
@@ -258,7 +259,15 @@ def _locked(stream: IO[bytes]) -> bool:
 
 
 def _identity(content: Any) -> Identity | None:
-    try:
-        return None if content is None else Identity(**content)
-    except TypeError:
+    table = cast("dict[str, Any]", content) if isinstance(content, dict) else {}
+    if set(table) != set(Identity._fields):
         return None
+    right = type(table["pid"]) is type(table["started"]) is int and table["pid"] > 0 and isinstance(table["boot"], str)
+    return Identity(**table) if right else None
+
+
+def _is_row(row: Any) -> bool:
+    """Return True if an entry of the file of rows has the fields of one, each of its type."""
+    table = cast("dict[str, Any]", row) if isinstance(row, dict) else {}
+    kinds = {"service": str, "state": str, "detail": str, "restarts": int, "pid": int | None}
+    return set(kinds) <= set(table) and all(isinstance(table[name], kind) for name, kind in kinds.items())

@@ -1,13 +1,18 @@
 """The run folder: one supervisor at a time, a stale one is no obstacle."""
 
+import json
 import sys
 
 import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
 
+from surefoot.lab.cli.system import _show_status as show_status
 from surefoot.schemas.system import ServiceStatus
+from surefoot.services.supervisor.processes.identity import identify
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder, RunFolderError, run_folders
 from surefoot.state import state_home
-from tests.processes import GRACE_S, run_process, running_child
+from tests.processes import GRACE_S, run_process, running, running_child
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(60)"]
 ENDPOINT = Endpoint("tcp/127.0.0.1:1", "surefoot/ragno", "/x.yaml", "ragno")
@@ -74,7 +79,9 @@ def _supervise_and_die(child, tmp_path):
     assert run_process([sys.executable, "-c", script]).returncode == -9
 
 
-@pytest.mark.parametrize("content", ["", "null", "[1]", '{"walker": {"pid": 1}}', '{"walker": null}', "\x00"])
+@pytest.mark.parametrize(
+    "content", ["", "null", "[1]", '{"walker": {"pid": 1}}', '{"walker": null}', "\x00", "[" * 99999]
+)
 def test_a_damaged_file_is_an_empty_one(folder, content):
     folder.acquire()
     for name in ("processes.json", "endpoint.json", "supervisor.json", "status.json"):
@@ -83,6 +90,63 @@ def test_a_damaged_file_is_an_empty_one(folder, content):
     assert folder.endpoint() is None
     assert folder.supervisor() is None
     assert folder.end_leftovers() == ()
+
+
+IDENTITY = {"pid": 1, "started": 1, "boot": "x"}
+ADDRESS = {"connect": "tcp/127.0.0.1:1", "namespace": "surefoot/ragno", "compose": "", "robot": ""}
+ROW = {"service": "walker", "state": "healthy", "pid": 1, "restarts": 0, "detail": ""}
+ANY = st.recursive(
+    st.none() | st.booleans() | st.integers(-(10**20), 10**20) | st.floats(allow_nan=False) | st.text(max_size=3),
+    lambda inner: st.lists(inner, max_size=2) | st.dictionaries(st.text(max_size=3), inner, max_size=2),
+    max_leaves=4,
+)
+
+
+def damaged(right):
+    """Return an entry of a file in which fields have another value, are gone, or are new."""
+    values = st.dictionaries(st.sampled_from([*right, "zz"]), ANY, max_size=2)
+    gone = st.sets(st.sampled_from(sorted(right)), max_size=1)
+
+    def changed(new, left_out):
+        return {name: one for name, one in {**right, **new}.items() if name not in left_out}
+
+    return ANY | st.builds(changed, values, gone)
+
+
+@given(damaged(ADDRESS), damaged(IDENTITY), damaged(ROW), ANY)
+@example({"connect": 5, "namespace": "a/b"}, {**IDENTITY, "pid": "\0"}, {"service": "walker"}, [])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+def test_whatever_stands_in_a_file_is_right_in_each_field_or_left_out(folder, address, identity, row, ready):
+    folder.acquire()
+    for name, content in (
+        ("endpoint", address),
+        ("supervisor", identity),
+        ("processes", {"walker": identity, "simulator": identity}),
+        ("status", [row, row]),
+        ("ready", ready),
+    ):
+        (folder.path / f"{name}.json").write_text(json.dumps(content))
+    place = folder.endpoint(orphaned=True)
+    assert place is None or {type(one) for one in place} == {str}
+    assert folder.supervisor() is None
+    assert folder.processes() == folder.orphans() == {}
+    assert all({name: one[name] for name in ROW} == row for one in folder.read_rows())
+    show_status("ragno", {"connect": "", "namespace": "", "services": folder.read_rows()})
+    assert isinstance(folder.ready() or {}, dict)
+    folder.release()
+
+
+def test_a_process_that_has_got_the_number_of_an_earlier_one_is_none_of_the_system(folder):
+    folder.acquire()
+    with running(SLEEP) as process:
+        own = identify(process.pid)
+        for other in (own._replace(started=own.started - 1), own._replace(boot="before")):
+            folder.write_processes({"walker": other})
+            (folder.path / "supervisor.json").write_text(json.dumps(other._asdict()))
+            assert folder.processes() == {}
+            assert folder.supervisor() is None
+            assert folder.end_leftovers() == ()
+        assert process.poll() is None
 
 
 def test_a_folder_that_cannot_be_written_is_reported(tmp_path):
