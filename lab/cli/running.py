@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from surefoot.errors import ConfigError
-from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders
+from surefoot.services.supervisor.processes.rundir import RunFolder, run_folders, unreadable
 
 WELL = "healthy"
 
@@ -58,8 +58,10 @@ class RunningSystem(NamedTuple):
         return None if place is None else place.robot or None
 
     def orphans(self) -> str:
-        """Return a hint on services on this machine that run without their supervisor; empty if there are none."""
-        return next((folder.orphaned for folder in run_folders() if folder.orphans()), "")
+        """Return a hint on services on this machine that run without their supervisor, or on run folders that this
+        user cannot read; empty if there are none.
+        """
+        return next((folder.orphaned for folder in run_folders() if folder.orphans()), "") or unreadable()
 
 
 def systems(

@@ -192,8 +192,13 @@ def status(
 
 def _idle(system: str | None) -> str:
     """Return the sentence that the named system does not run, or, for None, that no system runs."""
+    from surefoot.services.supervisor.processes.rundir import unreadable
+
     others = ", ".join(folder.name for folder in _folders(None) if folder.held()) if system is not None else ""
-    return f"{Path(system or '').stem} does not run; running: {others}" if others else "nothing is running"
+    if others:
+        return f"{Path(system or '').stem} does not run; running: {others}"
+    hidden = unreadable()
+    return f"nothing is running; {hidden}" if hidden else "nothing is running"
 
 
 def logs(

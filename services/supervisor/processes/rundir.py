@@ -129,7 +129,11 @@ class RunFolder:
         Only this user can read these files.
         """
         self._write(SECRET, secret)  # before the address: a client that finds this takes what is there as its secret
-        self._write(ENDPOINT, endpoint._asdict())
+        try:
+            self._write(ENDPOINT, endpoint._asdict())
+        except OSError:
+            (self.path / SECRET).unlink(missing_ok=True)
+            raise
         own = identify(os.getpid())
         if own is not None:
             self._write("supervisor.json", own._asdict())
@@ -222,15 +226,18 @@ class RunFolder:
         """Replace a file of the run folder atomically: a reader sees the old content or the new one, never a part."""
         import tempfile  # here: whoever only reads does without
 
-        handle, temporary = tempfile.mkstemp(dir=self.path, prefix=f".{name}")
+        temporary = ""
         try:
+            handle, temporary = tempfile.mkstemp(dir=self.path, prefix=f".{name}")
             with os.fdopen(handle, "w", encoding="utf-8") as stream:
                 json.dump(content, stream, indent=1)
             os.replace(temporary, self.path / name)
         except BaseException as error:
-            Path(temporary).unlink(missing_ok=True)
+            if temporary:
+                Path(temporary).unlink(missing_ok=True)
             if isinstance(error, OSError):
-                error.filename, error.filename2 = str(self.path / name), None
+                error.filename = str(self.path / name)
+                del error.filename2
             raise
 
     def _read(self, name: str) -> Any:
@@ -244,6 +251,27 @@ def run_folders(home: Path | None = None) -> tuple[RunFolder, ...]:
     """Return the run folders of this user, running or not."""
     base = home or state_home()
     return tuple(RunFolder(path.parent.name, base) for path in sorted(base.glob(f"*/{LOCK}")))
+
+
+def unreadable(home: Path | None = None) -> str:
+    """Return which run folders this user cannot read, so that systems there are not known; empty if there are none."""
+    base = home or state_home()
+    found = list[str]()
+    try:
+        places = [base / entry.name for entry in os.scandir(base)]
+    except PermissionError:
+        places, found = [], [str(base)]
+    except OSError:
+        return ""
+    for place in sorted(places):
+        try:
+            with (place / LOCK).open("rb"):
+                pass
+        except PermissionError:
+            found.append(str(place))
+        except OSError:
+            continue
+    return f"this user cannot read {', '.join(found)}, so that a system there is not seen" if found else ""
 
 
 def _locked(stream: IO[bytes]) -> bool:

@@ -1,7 +1,11 @@
 """The run folder: one supervisor at a time, a stale one is no obstacle."""
 
+import errno
 import json
+import os
+import shutil
 import sys
+import tempfile
 
 import pytest
 from hypothesis import HealthCheck, example, given, settings
@@ -10,10 +14,15 @@ from hypothesis import strategies as st
 from surefoot.lab.cli.system import _show_status as show_status
 from surefoot.schemas.system import ServiceStatus
 from surefoot.services.supervisor.processes.identity import identify
-from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder, RunFolderError, run_folders
+from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder, RunFolderError, run_folders, unreadable
 from surefoot.state import state_home
+from tests.ports import free_address
 from tests.processes import GRACE_S, run_process, running, running_child
 
+OVERRIDES = "-dac_override,-dac_read_search,-fowner"
+CLI = "surefoot.lab.cli.entry"
+AS_A_USER = [] if os.geteuid() else ["setpriv", "--bounding-set", OVERRIDES, "--inh-caps", OVERRIDES]
+"""Words before a command by which the rights of files hold for it, for root too."""
 SLEEP = [sys.executable, "-c", "import time; time.sleep(60)"]
 ENDPOINT = Endpoint("tcp/127.0.0.1:1", "surefoot/ragno", "/x.yaml", "ragno")
 
@@ -161,3 +170,33 @@ def test_lies_under_the_state_home(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", "relative")
     assert state_home().parts[-3:] == (".local", "state", "surefoot")
     assert run_folders(tmp_path) == ()
+
+
+@pytest.mark.skipif(bool(AS_A_USER) and shutil.which("setpriv") is None, reason="root without setpriv")
+@pytest.mark.parametrize("closed", ["home", "folder", "lock"])
+def test_what_this_user_cannot_read_is_named_where_nothing_seems_to_run(tmp_path, monkeypatch, closed):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    folder = RunFolder("ragno")
+    folder.acquire()
+    folder.write_endpoint(ENDPOINT)
+    assert unreadable() == ""
+    path = {"home": folder.path.parent, "folder": folder.path, "lock": folder.path / "lock"}[closed]
+    path.chmod(0)
+    try:
+        words = {"home": ["status"], "folder": ["down"], "lock": ["stop", "--connect", free_address()]}[closed]
+        done = run_process([*AS_A_USER, sys.executable, "-m", CLI, *words], capture_output=True, text=True)
+        named = folder.path if closed == "lock" else path
+        assert f"this user cannot read {named}, so that a system there is not seen" in done.stdout + done.stderr
+    finally:
+        path.chmod(0o700)
+    folder.release()
+
+
+def test_a_file_that_cannot_be_begun_is_named_and_not_its_temporary_name(folder, monkeypatch):
+    def full(**options):
+        raise OSError(errno.EACCES, "Permission denied", f"{folder.path}/.endpoint.jsonx1")
+
+    folder.acquire()
+    monkeypatch.setattr(tempfile, "mkstemp", full)
+    with pytest.raises(OSError, match=r"ragno/secret\.json'$"):
+        folder.write_endpoint(ENDPOINT)
