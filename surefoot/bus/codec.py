@@ -53,8 +53,7 @@ def decode(model: type[W], payload: bytes, attachment: bytes | None = None, enco
     if _plain(model):
         return validate_json(model, payload)
     if issubclass(model, Bulk) or (attachment is not None and issubclass(model, BulkRequest)):
-        if len(payload) > MAX_BULK_BYTES:
-            raise Refusal("too_large", f"payload of {len(payload)} bytes; at most {MAX_BULK_BYTES} are accepted")
+        check_size(len(payload), bulk=True)
         head = validate_json(model, attachment or b"{}")
         if isinstance(head, Bulk) and len(payload) != head.data_bytes():
             text = f"{model.__name__}: payload of {len(payload)} bytes; its header states {head.data_bytes()}"
@@ -63,14 +62,20 @@ def decode(model: type[W], payload: bytes, attachment: bytes | None = None, enco
     return validate_json(model, payload)
 
 
+def check_size(size: int, *, bulk: bool) -> None:
+    """Raise Refusal (too_large) if a payload of `size` bytes is larger than any legal one; `bulk`: with an array."""
+    most = MAX_BULK_BYTES if bulk else MAX_JSON_BYTES
+    if size > most:
+        raise Refusal("too_large", f"payload of {size} bytes; at most {most} are accepted")
+
+
 def validate_json(model: type[W], payload: bytes) -> W:
     """Return the message decoded from a JSON text.
 
     Raises:
         Refusal: too_large, malformed, or invalid (names the field).
     """
-    if len(payload) > MAX_JSON_BYTES:
-        raise Refusal("too_large", f"payload of {len(payload)} bytes; at most {MAX_JSON_BYTES} are accepted")
+    check_size(len(payload), bulk=False)
     try:
         return model.__pydantic_validator__.validate_json(payload)
     except ValidationError as error:

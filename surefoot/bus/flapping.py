@@ -110,8 +110,10 @@ class Flapping:
                 self._ended_at = now
                 self._found.append(self._ended(links[may[0]], may[0], text))
                 if self._thread is None:
-                    self._thread = threading.Thread(target=self._stay, name="flapping", daemon=True)
-                    self._thread.start()
+                    thread = threading.Thread(target=self._stay, name="flapping", daemon=True)
+                    with suppress(RuntimeError):  # no memory for a thread now
+                        thread.start()
+                        self._thread = thread
 
     def _rates(self, links: dict[str, str], span_s: float) -> dict[str, float]:
         """Return the bytes per s that came over each link since the last check, by address of the other end."""

@@ -60,9 +60,10 @@ class Mesh:
         named, self._named = self._named, []
         linked = self._linked()
         if linked != self._before or self._lost:
-            self._before = linked
-            self._busy = threading.Thread(target=self._check, args=(linked,), name="mesh", daemon=True)
-            self._busy.start()
+            thread = threading.Thread(target=self._check, args=(linked,), name="mesh", daemon=True)
+            with suppress(RuntimeError):  # no memory for a thread now: the next call tries it again
+                thread.start()
+                self._before, self._busy = linked, thread
         return [LinkTrouble("unlinked", f"process {name!r} lives without a link to this one", name) for name in named]
 
     def settle(self) -> None:

@@ -9,6 +9,7 @@ pauses after each. At most `WAITING` of them are queued; further requests are re
 import threading
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from queue import SimpleQueue
 from time import sleep
 
@@ -40,8 +41,10 @@ class ReplyLane:
         self._waiting.put((send, size))
         with self._starts:
             if self._thread is None:
-                self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
-                self._thread.start()
+                thread = threading.Thread(target=self._work, name=self._name, daemon=True)
+                with suppress(RuntimeError):  # no memory for a thread now: the next reply tries it again
+                    thread.start()
+                    self._thread = thread
 
     def finish(self, timeout_s: float) -> None:
         """Wait until what is queued now has been sent, at most `timeout_s` s."""

@@ -14,7 +14,7 @@ import zenoh
 from zenoh.handlers import Callback, RingChannel
 
 from surefoot.bus.asking import TOKENS_S, Asking, plain_attachment
-from surefoot.bus.codec import decode, encode, encoding_of, validate_json
+from surefoot.bus.codec import check_size, decode, encode, encoding_of, validate_json
 from surefoot.bus.endpoint import is_secure, without_source
 from surefoot.bus.flapping import Flapping
 from surefoot.bus.guard import Guard
@@ -35,7 +35,7 @@ from surefoot.bus.tokens import LIVE, STARTS, Tokens
 from surefoot.bus.unread import LinkTrouble, Unread
 from surefoot.errors import BusError, CallError, Refusal, SurefootError
 from surefoot.heap import hand_back_growth
-from surefoot.schemas.base import ErrorReply, Request, Wire
+from surefoot.schemas.base import BulkRequest, ErrorReply, Request, Wire
 from surefoot.schemas.rows import M, Rep, Req
 from surefoot.schemas.topics import Query, Topic
 
@@ -72,6 +72,8 @@ class ZenohIncoming:
 
     def request(self) -> Request:
         payload, encoding = self._asked.payload, self._asked.encoding
+        bulk = issubclass(self.query.request, BulkRequest) and self._attachment is not None
+        check_size(0 if payload is None else len(payload), bulk=bulk)  # before the payload is copied
         data = b"" if payload is None else payload.to_bytes()
         if not data and self._attachment is None:
             if self.query.acts:
