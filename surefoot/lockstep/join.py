@@ -267,7 +267,7 @@ class Join:
             if tick.tick >= first + MAX_AHEAD:
                 return "too_far_ahead"
             self.on_roster = True
-            self._admitted, self.last = first, first - 1  # in lockstep the driver repeats ticks that were lost
+            self._admitted, self.last, self._taken = first, first - 1, {}  # in lockstep lost ticks are repeated
             self._previous_roster = ()  # what was published while it was away is not awaited
             oldest = (tick.epoch, first - 1)  # delayed inputs of the tick before the first are still needed
             self._slots = {key: slot for key, slot in self._slots.items() if key >= oldest}

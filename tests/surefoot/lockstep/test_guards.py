@@ -146,3 +146,22 @@ def test_what_was_used_is_not_taken_again() -> None:
     assert join.offer(HW_IMU, imu(1)) == "duplicate"
     assert join.offer(HW_TICK, manifest(1)) == "replay"
     assert join.take() is None
+
+
+def test_a_message_of_a_tick_that_was_missed_contradicts_none_of_an_earlier_tick() -> None:
+    """Of a process that was cut off, as by a half-open link, and is admitted again behind the tick that it did last."""
+    join = Join("estimator", (HW_IMU,))
+    assert join.offer(HW_TICK, manifest(0), sender="a") is None
+    assert join.offer(HW_IMU, imu(0), sender="a") is None
+    assert join.take() is not None
+    assert join.offer(HW_TICK, manifest(1, ("walker",)), sender="a") == "not_on_roster"
+    again = manifest(9).model_copy(update={"mode": "paced", "roster_version": 3})
+    assert join.offer(HW_TICK, again, sender="a") is None
+    assert join.last == 8
+    assert join.offer(HW_IMU, imu(8), sender="a") == "duplicate"
+    assert join.offer(HW_IMU, imu(9), sender="a") is None
+    inputs = join.take()
+    assert inputs is not None
+    assert inputs.tick.tick == 9
+    changed = imu(9).model_copy(update={"acc": (0.0, 0.0, 0.0)})
+    assert join.offer(HW_IMU, changed, sender="a") == "conflict"
