@@ -2,6 +2,7 @@
 
 import socket
 import threading
+from itertools import count, islice
 from types import SimpleNamespace
 from typing import Any
 
@@ -41,8 +42,8 @@ class Router:
 
     def second(self, changes: int = 0, **sent: int) -> list[LinkTrouble]:
         """Return the reports of a look after a second of so many changes of tokens, and bytes of each link."""
-        for name, count in sent.items():
-            self.sent[name] = self.sent.get(name, 0) + count
+        for name, size in sent.items():
+            self.sent[name] = self.sent.get(name, 0) + size
         for _ in range(changes):
             self.flapping.note()
         self.now += 1.0
@@ -138,11 +139,10 @@ def test_over_the_network_a_client_that_flaps_is_ended_and_another_one_goes_on()
         viewer, flapper = net.open("client"), net.plain()
         viewer.announce("viewer", "1")
         wait_until(lambda: Life("viewer", "1", True) in seen)
-        name, number = str(flapper.zid()), 0
+        name, numbers = str(flapper.zid()), count()
 
         def flaps() -> bool:
-            nonlocal number
-            for number in range(number, number + 1000):  # noqa: B020
+            for number in islice(numbers, 1000):
                 flapper.liveliness().declare_token(f"{net.namespace}/alive/walker/{number}").undeclare()
             reports.extend(net.router.look_at_links())
             return any(one.reason == f"flooder {name}" for one in reports)

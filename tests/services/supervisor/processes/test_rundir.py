@@ -149,6 +149,7 @@ def test_a_process_that_has_got_the_number_of_an_earlier_one_is_none_of_the_syst
     folder.acquire()
     with running(SLEEP) as process:
         own = identify(process.pid)
+        assert own is not None
         for other in (own._replace(started=own.started - 1), own._replace(boot="before")):
             folder.write_processes({"walker": other})
             (folder.path / "supervisor.json").write_text(json.dumps(other._asdict()))
