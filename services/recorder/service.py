@@ -43,7 +43,7 @@ class Recorder(Service[RecorderConfig]):
         self._latched: dict[str, Delivery] = {}
         """Newest message of each latched key."""
         self._known: set[tuple[str, int, int]] = set()
-        self._tick, self._epoch, self._finished, self._failed = -1, 0, False, False
+        self._tick, self._epoch, self._finished = -1, 0, False
         self._began_s: float | None = None  # wall time of the first tick of the epoch
         self._configs: dict[str, str] = {}
         """Hash of the configuration of each service that is alive, by name."""
@@ -52,8 +52,7 @@ class Recorder(Service[RecorderConfig]):
 
     def on_reset(self) -> None:
         self._close()
-        self._hash, self._finished, self._failed, self._began_s = RunHash(), False, False, None
-        self.trouble = ""
+        self._hash, self._finished, self._began_s, self.trouble = RunHash(), False, None, ""
         self._latched, self._known = {}, set()  # a driver that was started again counts its epochs from 1
 
     def on_message(self, topic: Topic[Any], message: Message) -> None:
@@ -79,7 +78,7 @@ class Recorder(Service[RecorderConfig]):
         tick = inputs.tick
         self._epoch, self._tick = tick.epoch, tick.tick
         self._began_s = time.monotonic() if self._began_s is None else self._began_s
-        if self._output is not None and not self._finished and not self._failed:
+        if self._output is not None and not self._finished and not self.trouble:
             self._try(lambda output: output.begin(tick.epoch, tick.seed, begun=tick.tick > 0))
         self._take_latched(inputs)
         self._flush()
@@ -99,12 +98,11 @@ class Recorder(Service[RecorderConfig]):
 
     def status(self, request: RecorderRequest) -> RecorderReply:
         """Return path, number of messages and, after the last tick, hash of the recording (`recorder/status`)."""
-        path = "" if self._output is None or self._failed else self._output.path
+        path = "" if self._output is None or self.trouble else self._output.path
         return RecorderReply(
             path=sendable(path), epoch=self._epoch, tick=self._tick, finished=self._finished,
             messages=sum(self._hash.counts.values()), run_hash=self._hash.hexdigest() if self._finished else "",
-            trouble=sendable(self.trouble),
-        )  # fmt: skip
+            trouble=sendable(self.trouble))  # fmt: skip
 
     def save(self, request: SaveRequest) -> SaveReply:
         """Write the messages of the last seconds to a file; return its path and their number (`recorder/save`)."""
@@ -119,21 +117,19 @@ class Recorder(Service[RecorderConfig]):
 
     def _try(self, work: Callable[[Output], None]) -> None:
         """Call `work` with the output; an OSError ends the recording, not the run, and the hash is still computed."""
-        if self._output is None or self._failed:
+        if self._output is None or self.trouble:
             return
         try:
             work(self._output)
         except OSError as error:
-            self._failed = True
             why = f"{self.config.path}: {error.strerror or error}"
             self.trouble = f"nothing is recorded from tick {self._tick} on: {why}"
-            self.log("error", f"no recording: {why}")
+            self.log("error", self.trouble)
 
     def _flush(self) -> None:
         pending, self._pending = self._pending, []
         for topic, message in pending:
-            raw = Raw(*encode(message), encoding_of(type(message)))
-            self._write(topic, message, raw)
+            self._write(topic, message, raw := Raw(*encode(message), encoding_of(type(message))))
             if topic.deterministic:
                 self._hash.update(topic.key, message.epoch, 0, message.seq, raw.payload, raw.attachment)
 

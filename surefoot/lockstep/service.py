@@ -60,7 +60,7 @@ class Service(Generic[C]):
         self.handlers: dict[str, Callable[[Any], Wire | Future[Any]]] = {}
         self._runtime: Runtime | None = None
         self.trouble = ""
-        """What the service cannot do although it runs, in words, for its health; empty = nothing."""
+        """Reason why a service that runs cannot do all of its work, in words, for its health; empty = it can."""
 
     # -- overridden --------------------------------------------------------------------------------------------
 
