@@ -171,7 +171,8 @@ def plan(
         leg: largest distance of two waypoints, m.
 
     Raises:
-        SurefootError: a point is blocked or outside, or no way leads there; names the nearest free place.
+        SurefootError: a point is blocked or outside, or no way leads there; names the nearest free place, of a goal the
+            nearest that can be reached.
     """
     instance(floor, "floor", FloorGrid, "the result of `navigation.grid`")
     _fine(floor, "floor.cell")

@@ -23,7 +23,8 @@ class RouteError(Refusal):
     def __init__(self, code: str, message: str, field: str, nearest: Point | None = None) -> None:
         super().__init__(code, message, field)
         self.nearest = nearest
-        """Centre of the free cell nearest to the refused place, x, y in m, frame map; None = there is none."""
+        """Centre of the free cell nearest to the refused place, x, y in m, frame map; None = there is none. Where a goal
+        is refused it is the nearest that the robot can reach."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +68,13 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
 
     Raises:
         RouteError: a point is not finite, outside of the grid, or blocked, or the goal is out of reach; names the
-            nearest free cell.
+            nearest free cell, of a goal the nearest that can be reached.
     """
     limits = limits or RouteLimits()
     start, goal = _checked(start, "start"), _checked(goal, "goal")
     begin, entry = _entry(costs, start, goal, limits)
-    end = _free(costs, goal, "goal")
     region = int(costs.region[begin])
+    end = _free(costs, goal, "goal", region)
     if int(costs.region[end]) != region:
         near = _nearest(costs, goal, region)
         there = "none" if near is None else _shown(near)
@@ -152,10 +153,14 @@ def _way_out(costs: Costs, start: Point, wanted: int, slack: float) -> tuple[int
     return int(rows[nearest]) + r0, int(cols[nearest]) + c0
 
 
-def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
-    """Return row and column, in the padded arrays, of the cell that holds a point (m, frame map).
+def _free(costs: Costs, point: Point, field: str, region: int = 0) -> tuple[int, int]:
+    """Return row and column, in the padded arrays, of the cell that holds a point.
 
-    `field`: name of the point in a refusal.
+    Args:
+        costs: costs of walking over the cells of a floor.
+        point: x, y in m, frame map.
+        field: name of the point in a refusal.
+        region: number of the region of which a refusal names the nearest cell, 0 = any.
 
     Raises:
         RouteError: the point is outside of the map or blocked.
@@ -163,17 +168,17 @@ def _free(costs: Costs, point: Point, field: str) -> tuple[int, int]:
     grid = costs.grid
     row, col = grid.index(*point)
     if not grid.inside(row, col):
-        near = _nearest(costs, point, 0)
+        near = _nearest(costs, point, region)
         x0, y0, x1, y1 = grid.bounds
         text = f"{field} {_shown(point)} is outside of the map, x {x0:g} to {x1:g} m and y {y0:g} to {y1:g} m"
-        raise RouteError("outside", text + _hint(near), field, near)
+        raise RouteError("outside", text + _hint(near, region), field, near)
     if costs.weight[row + 1, col + 1] == 0:
-        near, value = _nearest(costs, point, 0), int(grid.cells[row, col])
+        near, value = _nearest(costs, point, region), int(grid.cells[row, col])
         inside = value >= costs.clearance.obstacle
         unknown = value < 0 and not costs.clearance.through_unknown
         why = "in an obstacle" if inside else "unknown ground" if unknown else "too close to an obstacle"
         text = f"{field} {_shown(point)} is {why}; the robot needs {costs.clearance.radius:g} m around it"
-        raise RouteError("blocked", text + _hint(near), field, near)
+        raise RouteError("blocked", text + _hint(near, region), field, near)
     return row + 1, col + 1
 
 
@@ -184,8 +189,9 @@ def _nearest(costs: Costs, point: Point, region: int) -> Point | None:
     return None if math.isinf(distance) else _centre(costs, r, c)
 
 
-def _hint(near: Point | None) -> str:
-    return "; there is no free cell" if near is None else f"; the nearest free cell is at {_shown(near)}"
+def _hint(near: Point | None, region: int) -> str:
+    where = "place that can be reached" if region else "free cell"
+    return "; there is no free cell" if near is None else f"; the nearest {where} is at {_shown(near)}"
 
 
 def _padded(costs: Costs, point: Point) -> tuple[float, float]:

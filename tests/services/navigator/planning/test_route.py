@@ -197,7 +197,7 @@ def corridor():
         ((1.0, 1.0), (3.1, 1.0), "blocked", "goal", (2.825, 0.975)),
         ((1.0, 1.0), (2.95, 1.0), "blocked", "goal", (2.825, 0.975)),
         ((1.0, 1.0), (4.5, 1.9), "blocked", "goal", None),
-        ((1.0, 1.0), (7.0, 1.0), "outside", "goal", (4.825, 0.975)),
+        ((1.0, 1.0), (7.0, 1.0), "outside", "goal", (2.825, 0.975)),
         ((1.0, 1.0), (1e9, 1.0), "bad_point", "goal", None),
         ((1.0, 1.0), (math.nan, 1.0), "bad_point", "goal", None),
         ((math.inf, 1.0), (1.0, 1.0), "bad_point", "start", None),
@@ -212,6 +212,39 @@ def test_points_without_a_route_are_refused_with_the_nearest_that_has_one(start,
         assert error.value.nearest == pytest.approx(nearest)
         assert f"{nearest[0]:.3f}" in error.value.message
         plan(corridor(), error.value.nearest, error.value.nearest)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_place_named_for_a_refused_goal_is_the_nearest_that_a_way_leads_to(seed):
+    rng, seen, apart = np.random.default_rng(seed), set(), 0
+    for _ in range(40):
+        cells = np.where(rng.random((12, 12)) < 0.3, 100, 0).astype(np.int8)
+        costs = prepare(FloorGrid(cells, 0.1), Clearance(radius=0.04, comfort=0.05))
+        centres = [costs.grid.centre(*cell) for cell in np.argwhere(cells == 0).tolist()]
+        start, goal = centres[rng.integers(len(centres))], tuple(rng.uniform(-0.2, 1.4, 2).tolist())
+        try:
+            plan(costs, start, goal)
+        except RouteError as error:
+            seen.add(error.code)
+            found = error.nearest
+        else:
+            continue
+        assert found is not None
+        reached = [place for place in centres if leads(costs, start, place)]
+        assert found in reached
+        assert math.dist(found, goal) == pytest.approx(min(math.dist(place, goal) for place in reached))
+        apart += math.dist(found, goal) > min(math.dist(place, goal) for place in centres) + 1e-9
+    assert seen == {"blocked", "outside", "unreachable"}
+    assert apart > 3
+
+
+def leads(costs, start, goal):
+    """Whether there is a route."""
+    try:
+        plan(costs, start, goal)
+    except RouteError:
+        return False
+    return True
 
 
 def test_a_robot_beside_a_wall_may_walk_away_from_it():
