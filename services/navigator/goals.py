@@ -59,6 +59,8 @@ FAR = 1e9
 """Distance larger than any path, m: initial value of a minimum."""
 DETOUR_PACE = 0.04
 """Assumed speed of a robot on a detour, m/s, by which its extra length counts as time; the Nao walks at 0.05."""
+PATIENCE = 10.0
+"""Time, s, that the robot waits where all that may be closes every way before it tries one, once, as it may be free."""
 NEARER = 3.0
 """Factor on the least progress, m, by which the remaining path has to shrink to count as shorter: the belief itself
 jumps by one such step."""
@@ -97,6 +99,8 @@ class NavigationGoal:
     """Number of stands for a camera frame at the present waypoint so far."""
     waited: float = 0.0
     """Time spent waiting for a free path, s."""
+    dared: bool = False
+    """True if a way was planned once through places where something may be, as everything else was closed."""
     backs: int = 0
     """Number of steps back since the last walk ahead."""
     turns: int = 0
@@ -130,6 +134,12 @@ class NavigationGoal:
     def place(self) -> int:
         """Index of the goal's place that the present waypoint leads to; past the last one the number of places."""
         return sum(end < self.index for end in self.ends)
+
+    def bold(self) -> bool:
+        """Return True once, after a wait of `PATIENCE`: a way may be planned through places where something may be."""
+        bold = self.waited >= PATIENCE and not self.dared
+        self.dared |= bold
+        return bold
 
     def give_up(self, now: float) -> None:
         """Skip the place that is walked to, count it as missed, and walk to the next waypoint from `now`, s, on."""

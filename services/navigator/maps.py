@@ -21,6 +21,8 @@ from .policy.settings import Conduct
 
 FARTHEST = 1e4
 """Largest distance of a goal from the origin of the map, m; a farther one is refused."""
+DETOUR = 1.0
+"""Length, m, by which a way around all marks may be longer than that around sure ones; else the latter is taken."""
 INSIDE = 0.8
 """Part of the robot's radius within which a marked cell blocks a route; below 1, as routes pass at that radius."""
 
@@ -52,8 +54,11 @@ class Maps:
         self._heights: HeightMapMessage | None = None
         self._marks: LandmarkMapMessage | None = None
         self._seen: SeenObstacles | None = None
-        self._joined: tuple[int, Costs] | None = None
-        """Version of the local map, and the walking costs of global and local map together; None = not computed."""
+        self._joined: dict[bool, tuple[int, Costs]] = {}
+        """Version of the local map, and the walking costs of global and local map together, of sure marks (True) and of
+        all; as far as computed."""
+        self._daring = False
+        """True if the last way that was planned may lead through marks that are not sure."""
 
     def take(self, heights: HeightMapMessage | None, marks: LandmarkMapMessage | None) -> list[str]:
         """Use the latched maps of the bus, unless files replace them; return a text for each map that cannot be used.
@@ -108,6 +113,7 @@ class Maps:
             return False
         if self._seen is None or self._seen.grid is not self.grid:
             self._seen = SeenObstacles(self.grid, self._clearance.obstacle, self.conduct.remember)
+            self._joined = {}
         return self._seen.take(seen, at, unsure, now)
 
     def free(self, here: Point, route: tuple[Point, ...]) -> bool:
@@ -115,7 +121,10 @@ class Maps:
 
         here, route: x, y in m, frame map.
         """
-        return self._seen is None or self._seen.free(here, route, INSIDE * self._clearance.radius)
+        return self._free(here, route, sure=self._daring)
+
+    def _free(self, here: Point, route: tuple[Point, ...], *, sure: bool) -> bool:
+        return self._seen is None or self._seen.free(here, route, INSIDE * self._clearance.radius, sure=sure)
 
     def enterable(self, here: Point, place: Point) -> bool:
         """Return True if the robot may go straight from `here` to a place near by: x, y in m, frame map."""
@@ -123,20 +132,24 @@ class Maps:
             return True
         row, col = self.costs.grid.index(*place)
         inside = self.costs.grid.inside(row, col) and self.costs.weight[row + 1, col + 1] > 0
-        return inside and self.free(here, (place,))
+        return inside and self._free(here, (place,), sure=False)
 
-    def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
+    def ways(
+        self, here: Point, places: tuple[Point, ...], field: str = "position", *, bold: bool = False
+    ) -> tuple[tuple[Point, ...], ...]:
         """Return waypoints to each place around obstacles of map and ranger, or straight lines without a map.
 
         Args:
             here: where the robot is, x, y in m, frame map.
             places: places to reach one after the other, x, y in m, frame map.
             field: name of the request's field, for the refusal.
+            bold: True = where all marks close every way, a way around sure ones only is taken.
 
         Raises:
             Refusal: a place that cannot be reached: `unreachable`, `blocked`, `outside`, `invalid`; names the field.
         """
         found: list[tuple[Point, ...]] = []
+        self._daring = False
         for i, place in enumerate(places):
             where = field if field == "position" else f"{field}.{i}"
             if math.hypot(*place) > FARTHEST:
@@ -147,26 +160,51 @@ class Maps:
             elif i > 0 and math.dist(begin, place) < 1e-6:
                 found.append(())  # the same place twice in a row
             else:
-                found.append(self._way(begin, place, field, where))
+                found.append(self._way(begin, place, (field, where), bold=bold))
         return tuple(found)
 
-    def _way(self, begin: Point, place: Point, field: str, where: str) -> tuple[Point, ...]:
-        costs = self._costs_now()
-        try:
-            way = plan(costs, begin, place, self._limits).waypoints
-        except RouteError as error:
-            raise Refusal(error.code, error.message, where if error.field == "goal" else field) from None
-        return tuple((float(x), float(y)) for x, y in way)
+    def _way(self, begin: Point, place: Point, fields: tuple[str, str], *, bold: bool) -> tuple[Point, ...]:
+        """Return waypoints of the way around all marks, or around sure ones if the former is much longer.
 
-    def _costs_now(self) -> Costs:
-        """Return the costs of walking over the map, with the obstacles that only the ranger saw."""
+        Args:
+            begin: x, y in m, frame map.
+            place: x, y in m, frame map.
+            fields: names of the request's fields, for a refusal of `begin` and of the place.
+            bold: False = a place that no way around all marks leads to is refused.
+        """
+        found, refused = None, None
+        for sure in (False, True) if self._unsure else (False,):
+            try:
+                way = plan(self._costs_now(sure=sure), begin, place, self._limits)
+            except RouteError as error:
+                refused = refused or error
+                if bold:
+                    continue
+                break
+            if found is None or way.length < found.length - DETOUR:
+                found, self._daring = way, self._daring or sure
+        if found is None:
+            assert refused is not None
+            raise Refusal(refused.code, refused.message, fields[refused.field == "goal"]) from None
+        return tuple((float(x), float(y)) for x, y in found.waypoints)
+
+    @property
+    def _unsure(self) -> bool:
+        """True if the local map has marks that are not sure."""
+        seen = self._seen
+        return seen is not None and seen.grid is self.grid and len(seen.marks) > len(seen.sure)
+
+    def _costs_now(self, *, sure: bool) -> Costs:
+        """Return the costs of walking over the map with the obstacles that only the ranger saw, `sure`: sure ones."""
         seen, costs = self._seen, self.costs
         assert costs is not None
-        if seen is None or not seen.marks or seen.grid is not self.grid:
+        if seen is None or seen.grid is not self.grid or not (seen.sure if sure else seen.marks):
             return costs
-        if self._joined is None or self._joined[0] != seen.version:
-            self._joined = (seen.version, prepare(seen.joined(), self._clearance, lasting=False))
-        return self._joined[1]
+        known = self._joined.get(sure)
+        if known is None or known[0] != seen.version:
+            known = (seen.version, prepare(seen.joined(sure=sure), self._clearance, lasting=False))
+            self._joined[sure] = known
+        return known[1]
 
     def refuse_blocked(self, place: Point, field: str) -> None:
         """Raise a refusal if a place, x, y in m, frame map, is outside the map or in an obstacle.

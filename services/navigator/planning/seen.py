@@ -1,11 +1,13 @@
 """Local map of obstacles that a ranger detects and the static map does not hold; they expire.
 
 An echo at r m in a cone is explained if the map, or a mark, has an obstacle in the cone no farther than r and a slack.
-An echo that is not explained marks the cells of its arc; an empty cone clears the cells in it, and a mark that is not
-seen again is forgotten.
+An echo that is not explained states that something is somewhere on its arc: it marks the cells of the arc but for those
+that other readings showed free a short while before. The marks are sure where they are few, or near; else the way may
+lead through them. A cone clears the cells that are nearer than its echo, and a mark that is not seen again is forgotten.
 """
 
 import math
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +29,16 @@ WIDTH = 0.5
 """Length of the arc of cells that a ranger echo marks, m: the object may be narrower than the cone, or wider."""
 CLOSE = 0.5
 """Distance of an echo, m, below which marks at the cone's edge do not explain it, as the robot is about to collide."""
+NARROW = 0.3
+"""Largest distance between marks that explain an echo, m, at which they are sure: something is there, about as wide."""
+NEAR = 0.4
+"""Distance of an echo, m, up to which its marks are sure however many they are: the robot comes no nearer."""
+FRESH = 10.0
+"""Time, s, for which a place that a reading showed free counts as free when an echo is marked."""
+VIEWS = 256
+"""Largest number of readings whose free space is kept."""
+STEP, TURN = 0.03, 0.05
+"""Distance, m, and angle, rad, from the last kept reading from which on another one is kept."""
 MOST = 4096
 """Largest number of cells marked by ranger echoes; the oldest are dropped."""
 NEARER = 0.02
@@ -81,8 +93,12 @@ class SeenObstacles:
         self.grid, self.obstacle, self.keep = grid, obstacle, keep
         self.marks: dict[tuple[int, int], float] = {}
         """Simulated time, s, at which each marked cell (row, column) was last seen occupied."""
+        self.sure: set[tuple[int, int]] = set()
+        """Marked cells that alone explain an echo, or are near to one; of the others only one of many is occupied."""
         self.version = 0
-        """Number that changes whenever the set of marked cells does."""
+        """Number that changes whenever the set of marked cells, or that of sure ones, does."""
+        self._views: deque[tuple[Pose, float, float, float]] = deque(maxlen=VIEWS)
+        """Recent readings: pose, half angle of the cone, rad, distance up to which it is free, m, simulated time, s."""
 
     def take(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> bool:
         """Update the marked cells with one reading of the ranger; return True if its echo is of nothing in the map.
@@ -93,25 +109,46 @@ class SeenObstacles:
             unsure: standard deviations of that place, m, and heading, rad.
             now: simulated time, s.
         """
-        before, unknown = set(self.marks), False
+        before, unknown = (set(self.marks), set(self.sure)), False
         for cell in [cell for cell, time in self.marks.items() if now - time > self.keep]:
             del self.marks[cell]
         half, distance = 0.5 * seen.field_of_view, seen.distance
-        for cell in self._inside(at, half, min(seen.longest if distance is None else distance, FARTHEST) - SLACK):
+        empty = min(seen.longest if distance is None else distance, FARTHEST) - SLACK
+        for cell in self._inside(at, half, empty):
             del self.marks[cell]
+        self._view(at, half, empty, now)
         if distance is not None and distance <= FARTHEST:
             slack, wider = SLACK + 2.0 * unsure[0], half + EDGE + 2.0 * unsure[1]
             known = expected_echo(self.grid, at, (wider, 0.0), distance + slack + 0.1, self.obstacle)[0]
             unknown = known > distance + slack
-            if unknown and not self._seen_again(at, half, distance, now):
-                self._mark(at, min(half, 0.5 * WIDTH / distance), distance, now)
+            if unknown:
+                self._echo(at, half, distance, now)
         while len(self.marks) > MOST:
             del self.marks[min(self.marks, key=lambda cell: self.marks[cell])]
-        self.version += before != set(self.marks)
+        self.sure &= self.marks.keys()
+        self.version += before != (set(self.marks), self.sure)
         return unknown
 
-    def _seen_again(self, at: Pose, half: float, distance: float, now: float) -> bool:
-        """Return True if marked cells explain an echo, and renew the times of these cells.
+    def _view(self, at: Pose, half: float, empty: float, now: float) -> None:
+        """Keep the free space of a reading unless it is that of the last kept one.
+
+        Args:
+            at: x, y (m) and heading (rad) of the ranger, frame map.
+            half: half angle of its cone, rad.
+            empty: distance up to which the cone is empty, m.
+            now: simulated time, s.
+        """
+        while self._views and now - self._views[0][3] > FRESH:
+            self._views.popleft()
+        if self._views:
+            (x, y, heading), _, reach, _ = self._views[-1]
+            moved = max(math.hypot(at[0] - x, at[1] - y) / STEP, abs(at[2] - heading) / TURN, abs(empty - reach) / STEP)
+            if moved < 1.0:
+                return
+        self._views.append((at, half, empty, now))
+
+    def _echo(self, at: Pose, half: float, distance: float, now: float) -> None:
+        """Renew the marks that explain an echo, or mark where its object may be, and note which of these are sure.
 
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
@@ -119,25 +156,47 @@ class SeenObstacles:
             distance: distance of the echo, m.
             now: simulated time, s.
         """
-        again = self._inside(at, half if distance > CLOSE else 0.5 * half, distance + SLACK)  # nearer ones are cleared
-        self.marks.update(dict.fromkeys(again, now))
-        return bool(again)
+        cells = self._inside(at, half if distance > CLOSE else 0.5 * half, distance + SLACK)  # nearer ones are cleared
+        few = self._extent(cells) <= NARROW
+        if not cells:
+            middle = self._arc(at, min(half, 0.5 * WIDTH / distance), distance)
+            arc = self._unseen(self._arc(at, half, distance))
+            few = self._extent(arc) <= NARROW
+            cells = [cell for cell in middle if cell in set(arc)] or arc or middle
+        self.marks.update(dict.fromkeys(cells, now))
+        if few or distance <= NEAR:
+            self.sure.update(cells)
 
-    def _mark(self, at: Pose, half: float, distance: float, now: float) -> None:
-        """Mark the cells on the arc of an echo that the static map has free.
+    def _extent(self, cells: list[tuple[int, int]]) -> float:
+        """Return the diagonal of the rectangle about the centres of cells (row, column), m; infinite without any."""
+        if not cells:
+            return math.inf
+        rows, cols = zip(*cells, strict=True)
+        return self.grid.cell * math.hypot(max(rows) - min(rows), max(cols) - min(cols))
+
+    def _arc(self, at: Pose, half: float, distance: float) -> list[tuple[int, int]]:
+        """Return the cells (row, column) on the arc of an echo that the static map has free, each once.
 
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
             half: half angle of the arc, rad.
             distance: distance of the echo, m.
-            now: simulated time, s.
         """
         grid, reach = self.grid, distance + 0.5 * self.grid.cell
         count = max(3, math.ceil(4.0 * half * reach / grid.cell))
-        for angle in np.linspace(at[2] - half, at[2] + half, count).tolist():
-            cell = grid.index(at[0] + reach * math.cos(angle), at[1] + reach * math.sin(angle))
-            if grid.inside(*cell) and int(grid.cells[cell]) < self.obstacle:
-                self.marks[cell] = now
+        angles = np.linspace(at[2] - half, at[2] + half, count).tolist()
+        cells = [grid.index(at[0] + reach * math.cos(angle), at[1] + reach * math.sin(angle)) for angle in angles]
+        free = [cell for cell in cells if grid.inside(*cell) and int(grid.cells[cell]) < self.obstacle]
+        return list(dict.fromkeys(free))
+
+    def _unseen(self, cells: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        """Return those of some cells (row, column) that no recent reading showed free."""
+        found: list[tuple[int, int]] = []
+        for cell in cells:
+            x, y = self.grid.centre(*cell)
+            if not any(_in_cone(x, y, at, half, empty) for at, half, empty, _ in self._views):
+                found.append(cell)
+        return found
 
     def _inside(self, at: Pose, half: float, reach: float) -> list[tuple[int, int]]:
         """Return the marked cells (row, column) in the cone of a ranger.
@@ -147,27 +206,21 @@ class SeenObstacles:
             half: half angle of the cone, rad.
             reach: largest distance from the ranger, m.
         """
-        found: list[tuple[int, int]] = []
-        for cell in self.marks:
-            x, y = self.grid.centre(*cell)
-            dx, dy = x - at[0], y - at[1]
-            away = math.hypot(dx, dy)
-            ahead = math.cos(at[2]) * dx + math.sin(at[2]) * dy
-            if away < reach and ahead >= math.cos(half) * away:
-                found.append(cell)
-        return found
+        return [cell for cell in self.marks if _in_cone(*self.grid.centre(*cell), at, half, reach)]
 
-    def free(self, here: Point, route: tuple[Point, ...], radius: float) -> bool:
+    def free(self, here: Point, route: tuple[Point, ...], radius: float, *, sure: bool = False) -> bool:
         """Return True if the next 2 m of a route come near no marked cell, or no nearer than the robot is already.
 
         Args:
             here: where the robot is, x, y in m, frame map.
             route: waypoints from there on, x, y in m, frame map.
             radius: distance that obstacles keep from the route, m.
+            sure: True = only marks that are sure count.
         """
-        if not self.marks:
+        cells = self.sure if sure else self.marks
+        if not cells:
             return True
-        centres = np.array([self.grid.centre(*cell) for cell in self.marks])
+        centres = np.array([self.grid.centre(*cell) for cell in cells])
         limit = np.minimum(radius, np.hypot(centres[:, 0] - here[0], centres[:, 1] - here[1]) - NEARER)
         left, begin = AHEAD, here
         for end in route:
@@ -183,9 +236,24 @@ class SeenObstacles:
                 break
         return True
 
-    def joined(self) -> FloorGrid:
-        """Return a copy of the static map in which marked cells are occupied, too."""
+    def joined(self, *, sure: bool = False) -> FloorGrid:
+        """Return a copy of the static map in which marked cells are occupied, too; with `sure` only those that are."""
         cells = self.grid.cells.copy()
-        for cell in self.marks:
+        for cell in self.sure if sure else self.marks:
             cells[cell] = OCCUPIED
         return replace(self.grid, cells=cells)
+
+
+def _in_cone(x: float, y: float, at: Pose, half: float, reach: float) -> bool:
+    """Return True if a place lies in a cone.
+
+    Args:
+        x: of the place, m, frame map.
+        y: likewise.
+        at: x, y (m) and heading (rad) of the ranger, frame map.
+        half: half angle of its cone, rad.
+        reach: largest distance from the ranger, m.
+    """
+    dx, dy = x - at[0], y - at[1]
+    away = math.hypot(dx, dy)
+    return away < reach and math.cos(at[2]) * dx + math.sin(at[2]) * dy >= math.cos(half) * away

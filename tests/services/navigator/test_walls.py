@@ -232,6 +232,46 @@ def test_beside_a_wall_of_the_map_the_robot_walks_on(
     assert take_range(reading(echo, HALF), service.localiser, service.maps, 10.0) == (turns_only, False)
 
 
+def test_a_gap_beside_a_corner_at_the_edge_of_the_cone_is_passed() -> None:
+    journey = walled((0.55, -0.98, 0.93, -0.02), (2.08, -0.97, 2.23, -0.18), seed=9, policy="planner")
+    journey.goto(2.6, 0.0)  # the second wall leaves 0.6 m beside the pillar, and 0.35 m are left behind that
+    end = journey.walk()
+    assert (end.state, end.error_code) == ("succeeded", "")
+    assert journey.missed(2.6, 0.0) < 0.2
+
+
+def test_an_arc_is_unsure_until_readings_leave_one_place_for_its_object() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        seen, away = SeenObstacles(grid(), 65, keep=100.0), rng.uniform(0.55, 0.7)
+        angle = float(rng.choice((-1.0, 1.0)) * rng.uniform(0.12, 0.25))
+        thing = (0.5 + away * math.cos(angle), 1.5 + away * math.sin(angle))
+        side = math.copysign(0.45, angle)
+        for k, heading in enumerate(np.linspace(0.0, angle + side, 15).tolist()):  # it stays in the cone
+            seen.take(reading(away, HALF), (0.5, 1.5, heading), (0.0, 0.0), 0.1 * k)
+            assert seen.sure <= seen.marks.keys()
+            if k == 0:
+                assert len(seen.marks) > 7
+                assert not seen.sure
+                assert seen.free((0.5, 1.5), (thing,), 0.12, sure=True)
+        assert 0 < len(seen.sure) < len(seen.marks)
+        assert min(math.dist(grid().centre(*cell), thing) for cell in seen.sure) < 0.08
+        assert not seen.free((0.5, 1.5), (thing,), 0.12, sure=True)
+
+
+def test_what_other_readings_showed_free_is_not_marked_unless_nothing_else_is_left() -> None:
+    seen, at = SeenObstacles(grid(), 65, keep=100.0), (0.5, 1.5, 0.0)
+    seen.take(reading(None, HALF), (0.5, 1.5, 0.4), (0.0, 0.0), 0.0)
+    seen.take(reading(0.7, HALF), at, (0.0, 0.0), 0.1)
+    assert seen.marks
+    assert all(math.atan2(y - 1.5, x - 0.5) < -0.05 for x, y in map(grid().centre, *zip(*seen.marks, strict=True)))
+    seen = SeenObstacles(grid(), 65, keep=100.0)
+    seen.take(reading(None, HALF + 0.1), at, (0.0, 0.0), 0.0)
+    seen.take(reading(0.7, HALF), at, (0.0, 0.0), 0.1)  # something has come
+    assert any(grid().centre(*cell)[1] > 1.6 for cell in seen.marks)
+    assert any(grid().centre(*cell)[1] < 1.4 for cell in seen.marks)
+
+
 def put(journey: Journey, x: float) -> None:
     """Put the robot at (x, 0) m, facing along x, with a belief that is right."""
     journey.walker.x = x
