@@ -23,8 +23,9 @@ class RouteError(Refusal):
     def __init__(self, code: str, message: str, field: str, nearest: Point | None = None) -> None:
         super().__init__(code, message, field)
         self.nearest = nearest
-        """Centre of the free cell nearest to the refused place, x, y in m, frame map; None = there is none. Where a goal
-        is refused it is the nearest that the robot can reach."""
+        """Centre of the free cell nearest to the refused place, x, y in m, frame map; None = there is none.
+
+        Where a goal is refused it is the nearest that the robot can reach."""
 
 
 @dataclass(frozen=True)

@@ -162,7 +162,8 @@ class SeenObstacles:
             middle = self._arc(at, min(half, 0.5 * WIDTH / distance), distance)
             arc = self._unseen(self._arc(at, half, distance))
             few = self._extent(arc) <= NARROW
-            cells = [cell for cell in middle if cell in set(arc)] or arc or middle
+            left = set(arc)
+            cells = [cell for cell in middle if cell in left] or arc or middle
         self.marks.update(dict.fromkeys(cells, now))
         if few or distance <= NEAR:
             self.sure.update(cells)
