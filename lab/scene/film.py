@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -198,8 +199,8 @@ def _ground(ground: DrawnGround) -> dict[str, Any]:
 def frame(shown: Snapshot) -> dict[str, Any]:
     """Return a snapshot as the JSON object that a page draws."""
     places = [shown.position[None], shown.points, *(item.points for item in shown.items)]
-    numbers, ends = _whole(np.concatenate(places)), np.cumsum([3 * len(each) for each in places]).tolist()
-    base, points, *items = (numbers[begin:end] for begin, end in zip([0, *ends], ends, strict=False))
+    numbers, ends = _whole(np.concatenate(places)), accumulate(3 * len(each) for each in places)
+    base, points, *items = (numbers[begin:end] for begin, end in pairwise((0, *ends)))
     return {
         "t": round(shown.time, 3),
         "base": base,
@@ -227,7 +228,7 @@ def _coded(item: Item, numbers: list[int]) -> list[Any]:
 
 
 def _whole(metres: Any) -> list[int]:
-    return np.round(np.asarray(metres) * UNITS_PER_M).astype(int).ravel().tolist()
+    return np.rint(np.asarray(metres) * UNITS_PER_M).astype(int).ravel().tolist()
 
 
 def packed(content: Any) -> str:

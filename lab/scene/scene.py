@@ -23,12 +23,11 @@ from surefoot.services.stability.regions.equilibrium import least_forces
 from surefoot.services.vision.messages import places_of
 from surefoot.services.vision.recognise import RecogniseParams, gate_radius
 
-from .shapes import DrawnGround, body_of
+from .shapes import DrawnGround, body_of, outline_of
 
 KEYS = (
-    "sim/truth", "hw/joints", "hw/contacts", "hw/imu", "state/velocity", "state/odometry", "state/gait",
-    "state/stability", "footholds/chosen", "state/pose", "state/landmarks", "navigator/feedback", "terrain/map",
-    "terrain/landmarks",
+    "sim/truth", "hw/joints", "hw/contacts", "state/velocity", "state/odometry", "state/gait", "state/stability",
+    "footholds/chosen", "state/pose", "state/landmarks", "navigator/feedback", "terrain/map", "terrain/landmarks",
 )  # fmt: skip
 """Topic keys whose messages update a scene; messages of other keys are ignored."""
 
@@ -118,6 +117,12 @@ class RobotScene:
         self._stances: tuple[int, ...] = ()
         self._chosen: dict[str, tuple[Any, str]] = {}
         self._waiting: dict[str, Callable[[], Any]] = {}
+        self._outline = outline_of(self.robot.trunk.box)
+
+    @property
+    def true(self) -> bool:
+        """True if the scene shows the driver's truth; False: what the robot senses and estimates."""
+        return "sim/truth" in self._latest
 
     def feed(self, key: str, read: Callable[[], Any]) -> None:
         """Set the latest message of a key; `read` decodes it, and is called only when a snapshot needs it."""
@@ -144,8 +149,7 @@ class RobotScene:
         local = pos_links[self.body.link] + np.einsum("nij,nj->ni", rot_links[self.body.link], self.body.local)
         position, rot = self._base(local)
         link_rot = np.einsum("ij,njk->nik", rot, rot_links)
-        world = (q, position, rot, link_rot, position + pos_links @ rot.T, position + local @ rot.T)
-        return self._shown(*world)
+        return self._shown(q, position, rot, link_rot, position + pos_links @ rot.T, position + local @ rot.T)
 
     def _take(self) -> list[tuple[str, Callable[[], Any]]]:
         """Return the messages that came since the last snapshot, the truth first: it begins an epoch."""
@@ -210,22 +214,19 @@ class RobotScene:
         truth, odometry = self._latest.get("sim/truth"), self._latest.get("state/odometry")
         if self._world_from_odom is None and truth is not None and odometry is not None and odometry.initialised:
             real = matrix_from_quat(np.array(truth.quat_wxyz))
-            yaw = math.atan2(real[1, 0], real[0, 0]) - odometry.yaw
-            turn = np.array(
-                [[math.cos(yaw), -math.sin(yaw), 0.0], [math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
-            )
+            turn = np.eye(3)
+            turn[:2, :2] = _turn(math.atan2(real[1, 0], real[0, 0]) - odometry.yaw)
             self._world_from_odom = np.array(truth.position) - product(turn, np.array(odometry.position)), turn
         return self._world_from_odom or (np.zeros(3), np.eye(3))
 
     def _shown(self, q: Array, position: Array, rot: Array, link_rot: Array, links: Array, points: Array) -> Snapshot:
         """Return the snapshot of a robot in this posture, and all drawn beside it; arguments as in `Snapshot`."""
-        feet = np.array([
-            links[leg.foot.link] + product(link_rot[leg.foot.link], leg.foot.position) for leg in self.robot.legs
-        ])  # fmt: skip
+        at, local = self.robot.model.foot_link, self.robot.model.foot_point
+        feet = links[at] + np.add.reduce(link_rot[at] * local[:, None], axis=-1)
         estimate = self._estimate()
         items = [*self._support(position, rot, feet), *self._feet(feet), *self._navigation()]
         if estimate is not None and "sim/truth" in self._latest:
-            items.append(self._ghost(*estimate))
+            items.append(Item("ghost", estimate[0] + self._outline @ estimate[1].T))
         truth, gait = self._latest.get("sim/truth"), self._latest.get("state/gait")
         text = "" if gait is None else f"{gait.state}: {gait.reason}" if gait.reason else gait.state
         feedback = self._latest.get("navigator/feedback")
@@ -245,42 +246,35 @@ class RobotScene:
         found = matrix_from_quat(np.array(odometry.quat_wxyz))
         return shift + product(turn, np.array(odometry.position)), product(turn, found)
 
-    def _ghost(self, position: Array, rot: Array) -> Item:
-        """Return the outline of the trunk at the estimated pose, (3,) m and (3, 3), drawn in one line."""
-        half = self.robot.trunk.box / 2.0
-        x, y, z = ([-s, s] for s in half)
-        path = [(x[i], y[j], z[k]) for i, j, k in (
-            (0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0), (1, 0, 1),
-            (1, 1, 1), (1, 1, 0), (1, 1, 1), (0, 1, 1), (0, 1, 0), (0, 1, 1), (0, 0, 1),
-        )]  # fmt: skip
-        return Item("ghost", position + np.array(path) @ rot.T)
-
     def _support(self, position: Array, rot: Array, feet: Array) -> list[Item]:
         """Return support region and centres of mass, lifted from frame `level` to the feet (L, 3) m, in the world."""
         m = self._latest.get("state/stability")
-        if m is None:
-            return []
-        yaw = math.atan2(rot[1, 0], rot[0, 0])
-        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-        stands = [foot for foot, on in zip(feet, m.stance, strict=False) if on] or list(feet)
-        height = float(np.mean([foot[2] for foot in stands])) - float(self.robot.foot_radius)
+        if m is None or len(m.stance) != len(feet):
+            return []  # of another robot
+        turn, stance = _turn(math.atan2(rot[1, 0], rot[0, 0])), np.array(m.stance)
+        height = float((feet[stance, 2] if stance.any() else feet[:, 2]).mean()) - float(self.robot.foot_radius)
 
-        def lifted(places: Any, z: float = height) -> Array:
-            flat = position[:2] + np.array(places, dtype=float).reshape(-1, 2) @ turn.T
-            return np.column_stack((flat, np.full(len(flat), z)))
+        def lifted(places: Any) -> Array:
+            flat = np.array(places, dtype=float).reshape(-1, 2)
+            points = np.full((len(flat), 3), height)
+            points[:, :2] = position[:2] + flat @ turn.T
+            return points
 
         items: list[Item] = []
+        planned = None if m.com_planned is None else lifted(m.com_planned)
         if len(m.region) > 2:
             outside = m.margin_planned is not None and m.margin_planned < 0.0
             items.append(Item("unsafe" if outside else "region", lifted(m.region)))
-            if not outside and m.com_planned is not None:
-                touching = feet[np.array(m.stance)] - np.outer(self.robot.foot_radii[np.array(m.stance)], UP)
-                items += self._holding(touching, lifted(m.com_planned)[0, :2], m.mu)
-        if m.com_planned is not None:
+            if not outside and planned is not None:
+                touching = feet[stance]
+                touching[:, 2] -= self.robot.foot_radii[stance]
+                items += self._holding(touching, planned[0, :2], m.mu)
+        if planned is not None:
             truth = self._latest.get("sim/truth")
-            top = lifted(m.com_planned, position[2] if truth is None else truth.com[2])
-            items += [Item("plumb", np.vstack((top, lifted(m.com_planned)))), Item("com_planned", top)]
-            items.append(Item("com_planned", lifted(m.com_planned)))
+            top = planned.copy()
+            top[0, 2] = position[2] if truth is None else truth.com[2]
+            plumb = np.concatenate((top, planned))
+            items += [Item("plumb", plumb), Item("com_planned", top), Item("com_planned", planned)]
         if m.com_measured is not None:
             items.append(Item("com_measured", lifted(m.com_measured)))
         return items
@@ -293,13 +287,14 @@ class RobotScene:
         """
         n = len(touching)
         try:
-            force = least_forces(ContactSet(touching, np.tile(UP, (n, 1)), np.full(n, mu)), com)
+            force = least_forces(ContactSet(touching, np.zeros((n, 3)) + UP, np.full(n, mu)), com)
         except StabilityError:  # no solution to full accuracy
             force = None
         if force is None:  # by the posture of another time than the margin's
             return []
-        tips = touching + FORCE_LENGTH * self.body.extent * force
-        return [Item("holding", np.stack((touching, tips), axis=1).reshape(-1, 3))]
+        ends = np.repeat(touching, 2, axis=0)
+        ends[1::2] += FORCE_LENGTH * self.body.extent * force
+        return [Item("holding", ends)]
 
     def _feet(self, feet: Array) -> list[Item]:
         """Return forces, sliding feet and planned footholds of feet centred at (L, 3) m in the world."""
@@ -308,24 +303,24 @@ class RobotScene:
         items: list[Item] = []
         forces = truth.foot_force_n if truth is not None else contacts.normal_force_n if contacts is not None else ()
         weight = GRAVITY * self.robot.mass
-        for foot, force in zip(feet, forces, strict=False):
+        for i, force in enumerate(forces[: len(feet)]):
             if force:
-                length = FORCE_LENGTH * self.body.extent * force / weight
-                items.append(Item("force", np.array([foot, foot + length * UP])))
+                tip = feet[i] + FORCE_LENGTH * self.body.extent * force / weight * UP
+                items.append(Item("force", np.array([feet[i], tip])))
         sliding = truth.contact_sliding if truth is not None else ()
         slips = [way > SLIPS for way in sliding] or list(() if velocity is None else velocity.slipping)
         if any(slips):
             items.append(Item("slips", feet[: len(slips)][np.array(slips)]))
         if gait is not None and len(gait.footholds) == len(feet):
             shift, turn = self._odom()
-            places = shift + np.array(gait.footholds) @ turn.T
-            radius = self.robot.foot_radii
-            for i, place in enumerate(places):
+            grounds = shift + np.array(gait.footholds) @ turn.T
+            grounds[:, 2] -= self.robot.foot_radii
+            for i, leg in enumerate(self.robot.legs):
                 if not gait.stance[i]:
                     good = i >= len(gait.foothold_status) or gait.foothold_status[i] in ("ok", "nominal")
-                    ground = (place - radius[i] * UP)[None]
+                    ground = grounds[i : i + 1]
                     items.append(Item("foothold" if good else "foothold_bad", ground))
-                    items += self._expected(self.robot.leg_names[i], gait.footholds[i], ground)
+                    items += self._expected(leg.name, gait.footholds[i], ground)
         return items
 
     def _expected(self, leg: str, foothold: Any, ground: Array) -> list[Item]:
@@ -357,10 +352,9 @@ class RobotScene:
         if seen is None or not seen.landmarks:
             return []
         x, y, yaw = pose.pose
-        turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
         places = places_of(seen)
         reach = gate_radius(places, np.array(pose.covariance).reshape(3, 3), RecogniseParams())
-        at, i = np.array([x, y]) + places @ turn.T, int(reach.argmax())
+        at, i = np.array([x, y]) + places @ _turn(yaw).T, int(reach.argmax())
         around = at[i] + reach[i] * np.column_stack((np.cos(ELLIPSE), np.sin(ELLIPSE)))
         gate = [] if seen.anywhere else [Item("gate", self._on_ground(np.vstack((around, around[:1]))))]
         return [Item("match", self._on_ground(at)), *gate]
@@ -387,6 +381,12 @@ class RobotScene:
         if (seen := self._latest.get("state/landmarks")) is not None:
             found |= {"features": seen.features, "matches": len(seen.landmarks)}
         return {name: value for name, value in found.items() if value is not None}
+
+
+def _turn(yaw: float) -> Array:
+    """Return the rotation (2, 2) of horizontal vectors by an angle, rad."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return np.array([[cos, -sin], [sin, cos]])
 
 
 def _slip_text(choice: Any) -> str:

@@ -136,6 +136,15 @@ def body_of(robot: Robot) -> Body:
     )  # fmt: skip
 
 
+def outline_of(box: Array) -> Array:
+    """Return one line along all edges of a box of edges (3,) m about the origin, (16, 3) m."""
+    ends = [
+        (0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0), (1, 0, 1),
+        (1, 1, 1), (1, 1, 0), (1, 1, 1), (0, 1, 1), (0, 1, 0), (0, 1, 1), (0, 0, 1),
+    ]  # fmt: skip
+    return (np.array(ends) - 0.5) * box
+
+
 def _trunk(points: _Points, robot: Robot) -> list[Face]:
     """Return the faces of the trunk, a box with its upright edges cut, and an arrow on top that points forward."""
     half = robot.trunk.box / 2.0

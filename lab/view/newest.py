@@ -15,6 +15,9 @@ from ..scene.scene import KEYS, RobotScene, Snapshot
 
 FRAME_S = 1.0 / 30.0
 """Wall time between two frames of the live view, s."""
+TRUTH = "sim/truth"
+SENSED = ("hw/joints", "hw/contacts")
+"""Keys of which a scene needs no message while messages of the truth come: those state the same, exactly."""
 CLOCK = "hw/joints"
 """Key of a topic that every driver publishes; a new epoch or a step back of its stamps shows a new run."""
 ASK_S = 2.0
@@ -78,18 +81,18 @@ class NewestScene:
 
     def look(self) -> tuple[bool, Snapshot | None]:
         """Update the scene; return (True if there were new messages, snapshot). The caller holds `lock`."""
-        came = False
-        for newest in self._newest:
-            delivery = newest()
-            if delivery is not None and not delivery.prime:
-                self._count_runs(delivery)
+        found = [newest() for newest in self._newest]
+        came = [delivery for delivery in found if delivery is not None and not delivery.prime]
+        unused = SENSED if self.scene.true and any(each.key == TRUTH for each in came) else ()
+        for delivery in came:
+            self._count_runs(delivery)
+            if delivery.key not in unused:
                 self.scene.feed(delivery.key, delivery.message)
-                self._also(delivery)
-                came = True
+            self._also(delivery)
         snapshot = self.scene.snapshot()
         if self.scene.ground is not self._ground:
             self._ground, self.grounds = self.scene.ground, self.grounds + 1
-        return came, snapshot
+        return bool(came), snapshot
 
     def _count_runs(self, delivery: Delivery) -> None:
         """Count a new run when the epoch of a `hw/joints` message rises, or its epoch or stamp goes back."""

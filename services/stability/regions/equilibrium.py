@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.arrays import Array
+from surefoot.geometry.linear_kernels import inverse3
 
 from ..programs.clarabel_tools import clarabel_and_sparse
 from ..programs.contacts import ContactSet, StabilityError
@@ -18,6 +19,7 @@ CLOSE = 1e-9  # to that the least share of friction is found
 NOTHING = 1e-10  # of the weight; less friction than that in excess is none
 LARGEST_GAP = 1e-7  # of clarabel's answer, by which it is accepted
 EXACT = 1e-12  # of the weight; forces that miss the load by more do not hold it
+ROBUST = 1e4  # condition number, no unit, of moments of inertia up to that they are inverted
 MOST_LOAD = 100.0  # weights, on all contacts together: the harder one presses between two walls, the less the share
 
 
@@ -248,19 +250,46 @@ def _least_of_all(contacts: ContactSet, com: Array) -> Array | None:
     n = len(contacts)
     if n == 0:
         return None
-    arm = contacts.position - [*com, 0.0]
-    length = max(float(np.abs(arm).max()), SPOT)
-    x, y, z = (arm / length).T
+    arm = contacts.position - (float(com[0]), float(com[1]), 0.0)
+    force = _least_balance(arm / max(float(np.abs(arm).max()), SPOT))
+    if force is None:
+        return None
+    press = np.add.reduce(contacts.normal * force, axis=1)
+    across = force - press[:, None] * contacts.normal
+    most = np.multiply(contacts.mu, press, out=np.full(n, np.inf), where=np.isfinite(contacts.mu))
+    inside = (press >= 0.0) & (np.add.reduce(across * across, axis=1) <= most * np.abs(most))
+    return force if bool(inside.all()) else None
+
+
+def _least_balance(arm: Array) -> Array | None:
+    """Return forces f, (n, 3), of least sum of squares with sum f = e_z, sum r x f = 0; None: none hold to `EXACT`.
+
+    They are f = e_z / n + w x q with q = r - c, c the mean of the arms r: orthogonal to all forces that balance to
+    zero, as these do no work in a rigid motion. J w = e_z x c, with J = sum(|q|^2 I - q q'), balances the moment. Where
+    J is near to singular, as for contacts on a line, the forces are found by singular values.
+
+    Args:
+        arm: r, from the CoM, (n, 3), in any unit in which the longest is near 1.
+    """
+    n = len(arm)
+    middle = np.add.reduce(arm) / n
+    away = arm - middle
+    spread = away.T @ away
+    inertia = (spread[0, 0] + spread[1, 1] + spread[2, 2]) * np.eye(3) - spread
+    turn = np.array([-middle[1], middle[0], 0.0])
+    inverse, condition = inverse3(inertia)
+    if condition < ROBUST:
+        x, y, z = w = inverse @ turn
+        force = away @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+        force[:, 2] += 1.0 / n
+        return force if float(np.abs(inertia @ w - turn).max()) < EXACT else None
+    x, y, z = arm.T
     sums = np.zeros((6, n, 3))
     for axis in range(3):
         sums[axis, :, axis] = 1.0
     sums[3, :, 1], sums[3, :, 2] = -z, y
     sums[4, :, 0], sums[4, :, 2] = z, -x
     sums[5, :, 0], sums[5, :, 1] = -y, x
-    load = np.eye(6)[2]
-    force = np.linalg.lstsq(sums.reshape(6, 3 * n), load, rcond=None)[0].reshape(n, 3)
-    press = np.einsum("id,id->i", contacts.normal, force)
-    slide = np.linalg.norm(force - press[:, None] * contacts.normal, axis=1)
-    most = np.where(np.isinf(contacts.mu), np.inf, np.nan_to_num(contacts.mu, posinf=0.0) * press)
-    held = float(np.abs(np.einsum("rid,id->r", sums, force) - load).max()) < EXACT
-    return force if held and bool((press >= 0.0).all() and (slide <= most).all()) else None
+    rows, load = sums.reshape(6, 3 * n), np.eye(6)[2]
+    force = np.linalg.lstsq(rows, load, rcond=None)[0]
+    return force.reshape(n, 3) if float(np.abs(rows @ force - load).max()) < EXACT else None
