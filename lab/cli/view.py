@@ -29,7 +29,9 @@ def view(
     if file is not None:
         _view_recording(file, port, duration)
         return
-    with seen(connect, namespace, robot, wait) as shown:
+    from surefoot.bus.options import threads_that_read
+
+    with threads_that_read(1), seen(connect, namespace, robot, wait) as shown:
         view_system(shown, port, duration)
 
 

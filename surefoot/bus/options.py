@@ -124,12 +124,24 @@ def reading_threads(endpoint: ZenohOptions) -> Generator[None]:
     Zenoh reads the number of threads from the environment. A value that the user has set there is kept; otherwise the
     variable is removed at the end, so that processes started later do not inherit it.
     """
-    if endpoint.mode == "router":
-        _more_descriptors()
-    if endpoint.mode != "router" or RUNTIME in os.environ:
+    if endpoint.mode != "router":
         yield
         return
-    os.environ[RUNTIME] = f"(rx: (worker_threads: {ROUTER_READERS}))"
+    _more_descriptors()
+    with threads_that_read(ROUTER_READERS):
+        yield
+
+
+@contextmanager
+def threads_that_read(number: int) -> Generator[None]:
+    """Give the first session of this process a number of threads to read; one that the user has set is kept.
+
+    A process that reads one link all the time needs one: Zenoh's two wake each other.
+    """
+    if RUNTIME in os.environ:
+        yield
+        return
+    os.environ[RUNTIME] = f"(rx: (worker_threads: {number}))"
     try:
         yield
     finally:

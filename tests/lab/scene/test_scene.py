@@ -1,11 +1,13 @@
 """The picture of a run against the messages it is made of."""
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.stats
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.lab.scene.film import UNITS_PER_M, film_of_recording, frame
 from surefoot.lab.scene.scene import FORCE_LENGTH, KEYS, RobotScene, Snapshot
@@ -188,3 +190,61 @@ def test_coarse_ground_keeps_its_place_and_mean():
     assert coarse.heights.size <= 1000
     assert coarse.heights[0, 0] == pytest.approx(fine.heights[:step, :step].mean())
     assert coarse.origin[0] - 0.5 * coarse.cell == pytest.approx(fine.origin[0] - 0.5 * fine.cell)
+
+
+def test_all_beside_the_robot_lies_where_the_messages_of_its_time_place_it(recorded):
+    """Support, forces and estimate, point by point in plain Python, from the messages alone."""
+    robot, scene = load_robot("ragno"), RobotScene(load_robot("ragno"))
+    last, compared = dict[str, Any](), set[str]()
+    for number, item in enumerate(read_recording(recorded, KEYS)):
+        last[item.key] = item.message()
+        scene.feed(item.key, item.message)
+        if number % 50 or not {"sim/truth", "state/stability"} <= set(last):
+            continue
+        shown = scene.snapshot()
+        assert shown is not None
+        for style, points in expected(robot, last["sim/truth"], last["state/stability"]).items():
+            found = [item.points for item in shown.items if item.style == style]
+            assert np.vstack(found) == pytest.approx(np.array(points), abs=1e-9), style
+            compared.add(style)
+        if shown.estimate is not None:
+            position, rot = shown.estimate
+            ghost = next(item.points for item in shown.items if item.style == "ghost")
+            assert np.abs((ghost - position) @ rot) == pytest.approx(np.tile(robot.trunk.box / 2.0, (16, 1)))
+            assert len(np.unique(ghost.round(9), axis=0)) == 8
+            compared.add("ghost")
+    assert compared == {"region", "plumb", "com_measured", "force", "ghost"}
+
+
+def expected(robot, truth, status):
+    """Return points (n, 3) m, world, by style, of a true pose and the stability status of its time."""
+    w, x, y, z = truth.quat_wxyz
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    heights = [foot[2] for foot, on in zip(truth.foot_position, status.stance, strict=True) if on]
+    ground = np.mean(heights) - robot.foot_radius
+
+    def world(place, height=ground):
+        (a, b), (at_x, at_y, _) = place, truth.position
+        ahead, left = math.cos(yaw) * a - math.sin(yaw) * b, math.sin(yaw) * a + math.cos(yaw) * b
+        return at_x + ahead, at_y + left, height
+
+    longer, found = FORCE_LENGTH * body_of(robot).extent / (GRAVITY * robot.mass), dict[str, Any]()
+    if len(status.region) > 2 and (status.margin_planned or 0.0) >= 0.0:
+        found["region"] = [world(place) for place in status.region]
+    if status.com_planned is not None:
+        found["plumb"] = [world(status.com_planned, truth.com[2]), world(status.com_planned)]
+    if status.com_measured is not None:
+        found["com_measured"] = [world(status.com_measured)]
+    loaded = [(*p, f) for p, f in zip(truth.foot_position, truth.foot_force_n, strict=True) if f]
+    if loaded:
+        found["force"] = [(a, b, c + up) for a, b, c, force in loaded for up in (0.0, longer * force)]
+    return found
+
+
+def test_a_stability_status_of_another_robot_is_left_out(recorded):
+    scene = RobotScene(load_robot("ragno"))
+    last = {m.key: m for m in read_recording(recorded, KEYS)}
+    other = last["state/stability"].message().model_copy(update={"stance": (True,) * 4})
+    for key, item in (last | {"state/stability": None}).items():
+        scene.feed(key, item.message if item is not None else lambda: other)
+    assert "region" not in styles(scene.snapshot())

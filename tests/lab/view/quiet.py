@@ -13,11 +13,16 @@ class QuietClient:
 
     def __init__(self, answers=()):
         self.newest, self.sinks, self.calls, self.answers = {}, {}, [], dict(answers)
+        self.asked = []
         self.bus = SimpleNamespace(
             endpoint=SimpleNamespace(namespace="surefoot/ragno"),
-            newest=lambda topic: lambda: self.newest.pop(topic.key, None),
+            newest=self.newest_of,
             subscribe=lambda topic, sink: self.sinks.update({topic.key: sink}),
         )
+
+    def newest_of(self, topic):
+        self.asked.append(topic.key)
+        return lambda: self.newest.pop(topic.key, None)
 
     def call(self, key, timeout_s=None, **fields):
         self.calls.append((key, fields))

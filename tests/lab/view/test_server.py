@@ -13,11 +13,12 @@ from surefoot.bus.interface import Delivery
 from surefoot.errors import BusError, SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
 from surefoot.lab.cli.viewing import tunnel
-from surefoot.lab.scene.film import UNITS_PER_M
+from surefoot.lab.scene.film import UNITS_PER_M, frame
 from surefoot.lab.scene.pages import LAYOUT
 from surefoot.lab.view import server as serving
-from surefoot.lab.view.newest import robot_behind
+from surefoot.lab.view.newest import NewestScene, robot_behind
 from surefoot.lab.view.server import BODY_BYTES, HOST, ViewServer
+from surefoot.robot.reader import load_robot
 from surefoot.schemas.system import LogRecord
 from surefoot.schemas.topics import LOG
 from tests.lab.view.quiet import QuietClient
@@ -219,3 +220,37 @@ def test_another_description_than_the_drivers_is_reported(warnings):
     answers = {"hw/description": SimpleNamespace(robot="ragno", hash="another")}
     assert robot_behind(QuietClient(answers), None, warnings.append).name == "ragno"
     assert "another description" in warnings[0]
+
+
+class CountedDelivery(Delivery):
+    """A message that counts how often it is decoded."""
+
+    def message(self):
+        self.decoded.append(self.key)
+        return super().message()
+
+    decoded: list[str]
+
+
+def test_joints_and_switches_are_not_decoded_while_the_truth_comes(client, recorded):
+    scene = NewestScene(client, load_robot("ragno"))
+    assert "hw/imu" not in client.asked
+
+    def shown(without=()):
+        client.hand_over(recorded, without=without)
+        counted = {key: CountedDelivery(one.topic, one.message(), None) for key, one in client.newest.items()}
+        CountedDelivery.decoded, client.newest = [], counted
+        came, snapshot = scene.look()
+        assert came
+        assert snapshot is not None
+        return json.dumps(frame(snapshot)), set(CountedDelivery.decoded)
+
+    first, decoded = shown()
+    assert decoded >= {"hw/joints", "hw/contacts", "sim/truth"}
+    again, decoded = shown()
+    assert again == first
+    assert "sim/truth" in decoded
+    assert not decoded & {"hw/joints", "hw/contacts"}
+    without, decoded = shown(without=("sim/truth",))
+    assert decoded >= {"hw/joints", "hw/contacts"}
+    assert without == first  # the last truth

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from surefoot.bus.endpoint import DEFAULT_ENDPOINT, settings_file, to_connect
-from surefoot.bus.options import RUNTIME, ZenohOptions, reading_threads, zenoh_config
+from surefoot.bus.options import RUNTIME, ZenohOptions, reading_threads, threads_that_read, zenoh_config
 from surefoot.errors import ConfigError
 from tests.surefoot.expect import expect_error
 
@@ -58,3 +58,10 @@ def test_the_process_of_a_router_reads_with_many_threads_and_those_it_starts_do_
             found.append(os.environ.get(RUNTIME))
         assert os.environ.get(RUNTIME) == before
     assert found == ["(rx: (worker_threads: 32))", None, "(rx: (worker_threads: 5))"]
+
+
+def test_one_reading_thread_is_for_the_session_that_is_opened_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(RUNTIME, raising=False)
+    with threads_that_read(1):
+        assert os.environ[RUNTIME] == "(rx: (worker_threads: 1))"
+    assert RUNTIME not in os.environ

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from surefoot.arrays import Array
 from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
 from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces, least_friction
 from surefoot.services.stability.regions.margin import margin
@@ -66,6 +67,32 @@ def test_least_forces_are_the_smallest() -> None:
         assert balance(contacts, least, c) < 1e-6
         assert force_violation(contacts, least) < 1e-6
         assert np.sum(least**2) <= np.sum(some**2) + 1e-6
+
+
+def test_least_forces_are_those_of_the_pseudoinverse_where_these_lie_in_the_cones() -> None:
+    """Also for contacts on a line, far from the origin, without friction, of any size: A+ b of the balance A f = b."""
+    rng, held = np.random.default_rng(5), 0
+    for trial in range(300):
+        n, size = int(rng.integers(1, 9)), 10.0 ** int(rng.integers(-2, 2))
+        points = rng.normal(size=(n, 3)) * [1.0, 1.0, 0.0 if trial % 3 == 0 else 0.3]
+        if trial % 4 == 0:
+            points = points[:1] + np.outer(rng.normal(size=n), [1.0, 0.5, 0.0])
+        place = rng.dirichlet(np.ones(n)) @ points
+        mu = 0.0 if trial % 5 == 0 else 0.7
+        rows = np.vstack([np.hstack([np.eye(3)] * n), np.hstack([_arm_of(point - place) for point in points])])
+        least = (np.linalg.pinv(rows, rcond=1e-10) @ [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]).reshape(n, 3)
+        inside = np.hypot(least[:, 0], least[:, 1]) <= mu * least[:, 2] + (1e-12 if mu == 0.0 else -1e-9)
+        if bool((least[:, 2] > 1e-9).all() and inside.all()):
+            got = least_forces(contact_set(size * points, [[0.0, 0.0, 1.0]] * n, mu), size * place[:2])
+            assert got is not None
+            np.testing.assert_allclose(got, least, atol=1e-11)
+            held += 1
+    assert held > 60
+
+
+def _arm_of(r: Array) -> Array:
+    """Return the matrix (3, 3) of r x: its product with a force is the force's moment."""
+    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
 
 
 @pytest.mark.parametrize("slope", [0.0, 10.0, 20.0])
