@@ -341,6 +341,8 @@ class FixedNumbers(NamedTuple):
     """Time after a start in motion within which a rest replaces it as a better start, s."""
     moving_tilt: float = 0.52
     """Standard deviation of the tilt with which a robot in motion starts, rad: 30 deg."""
+    moving_excess: float = 8.0
+    """Excess of the inertial noise with which a robot in motion starts, until that of its walk is known."""
     contradiction: float = 4.0
     """Difference, in standard deviations, above which the rest's accelerometer contradicts stated slope or tilt."""
     plane_point: float = 5e-4

@@ -322,4 +322,4 @@ def start_moving(state: BestState, samples: SampleStore, at: int, foot: int, set
         state.cov[E.gyro_bias + i, E.gyro_bias + i] = limits.gyro_bias_sd**2
         state.cov[E.acc_bias + i, E.acc_bias + i] = limits.acc_bias_sd**2
         state.memory[M.last_gyro + i], state.memory[M.last_acc + i] = samples.imu[at, ROW_W + i], q[i]
-    state.memory[M.phase], state.memory[M.rest] = MOVING, 0.0
+    state.memory[M.phase], state.memory[M.rest], state.memory[M.excess] = MOVING, 0.0, FIXED.moving_excess

@@ -1,9 +1,10 @@
 """Local map of obstacles that a ranger detects and the static map does not hold; they expire.
 
 An echo at r m in a cone is explained if the map, or a mark, has an obstacle in the cone no farther than r and a slack.
-An echo that is not explained states that something is somewhere on its arc: it marks the cells of the arc but for those
-that other readings showed free a short while before. The marks are sure where they are few, or near; else the way may
-lead through them. A cone clears the cells that are nearer than its echo, and a mark that is not seen again is forgotten.
+An echo that is not explained states that something is somewhere on its arc: it marks the cells of the arc but for
+those that other readings showed free a short while before. The marks are sure where they are few, or near; else the way
+may lead through them. A cone clears the cells that are nearer than its echo, and a mark that is not seen again is
+forgotten.
 """
 
 import math
