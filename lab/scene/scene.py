@@ -184,6 +184,8 @@ class RobotScene:
             self._ends_of_stances(message)
 
     def _ends_of_stances(self, truth: Any) -> None:
+        if not len(truth.stances) == len(truth.stance_sliding) == len(truth.foot_position) == len(self.robot.legs):
+            return  # of another robot, or of a driver that counts no stances
         before = self._stances or (0,) * len(truth.stances)
         for foot, (count, old) in enumerate(zip(truth.stances, before, strict=True)):
             if count > old:
@@ -302,25 +304,23 @@ class RobotScene:
         gait, velocity = self._latest.get("state/gait"), self._latest.get("state/velocity")
         items: list[Item] = []
         forces = truth.foot_force_n if truth is not None else contacts.normal_force_n if contacts is not None else ()
-        weight = GRAVITY * self.robot.mass
         for i, force in enumerate(forces[: len(feet)]):
             if force:
-                tip = feet[i] + FORCE_LENGTH * self.body.extent * force / weight * UP
+                tip = feet[i] + FORCE_LENGTH * self.body.extent * force / (GRAVITY * self.robot.mass) * UP
                 items.append(Item("force", np.array([feet[i], tip])))
         sliding = truth.contact_sliding if truth is not None else ()
         slips = [way > SLIPS for way in sliding] or list(() if velocity is None else velocity.slipping)
-        if any(slips):
-            items.append(Item("slips", feet[: len(slips)][np.array(slips)]))
-        if gait is not None and len(gait.footholds) == len(feet):
+        if any(slips) and len(slips) == len(feet):
+            items.append(Item("slips", feet[np.array(slips)]))
+        if gait is not None and len(gait.footholds) == len(gait.stance) == len(feet):
             shift, turn = self._odom()
             grounds = shift + np.array(gait.footholds) @ turn.T
             grounds[:, 2] -= self.robot.foot_radii
             for i, leg in enumerate(self.robot.legs):
                 if not gait.stance[i]:
                     good = i >= len(gait.foothold_status) or gait.foothold_status[i] in ("ok", "nominal")
-                    ground = grounds[i : i + 1]
-                    items.append(Item("foothold" if good else "foothold_bad", ground))
-                    items += self._expected(leg.name, gait.footholds[i], ground)
+                    items.append(Item("foothold" if good else "foothold_bad", grounds[i : i + 1]))
+                    items += self._expected(leg.name, gait.footholds[i], grounds[i : i + 1])
         return items
 
     def _expected(self, leg: str, foothold: Any, ground: Array) -> list[Item]:

@@ -248,3 +248,22 @@ def test_a_stability_status_of_another_robot_is_left_out(recorded):
     for key, item in (last | {"state/stability": None}).items():
         scene.feed(key, item.message if item is not None else lambda: other)
     assert "region" not in styles(scene.snapshot())
+
+
+def test_messages_with_other_numbers_of_feet_end_no_picture(recorded):
+    robot, scene = load_robot("ragno"), RobotScene(load_robot("ragno"))
+    last = {m.key: m.message() for m in read_recording(recorded, KEYS)}
+    for key, message in last.items():
+        scene.feed(key, lambda message=message: message)
+    scene.snapshot()
+    marks, truth, gait = len(scene.marks), last["sim/truth"], last["state/gait"]
+    for feet in (0, len(robot.legs) - 2, len(robot.legs) + 2):
+        numbers = {"stances": (99,) * feet, "contact_sliding": (1.0,) * feet, "stance_sliding": (0.0,) * feet}
+        other = truth.model_copy(update=numbers)
+        swings = gait.model_copy(update={"stance": (False,) * feet})
+        scene.feed("sim/truth", lambda other=other: other)
+        scene.feed("state/gait", lambda swings=swings: swings)
+        assert not {"foothold", *(("slips",) if feet else ())} & styles(scene.snapshot())
+        scene.feed("sim/truth", lambda: truth)
+        assert styles(scene.snapshot())
+        assert len(scene.marks) == marks
