@@ -58,7 +58,7 @@ class Maps:
         """Version of the local map, and the walking costs of global and local map together, of sure marks (True) and of
         all; as far as computed."""
         self._daring = False
-        """True if the last way that was planned may lead through marks that are not sure."""
+        """True if the route that the robot walks may lead through marks that are not sure."""
 
     def take(self, heights: HeightMapMessage | None, marks: LandmarkMapMessage | None) -> list[str]:
         """Use the latched maps of the bus, unless files replace them; return a text for each map that cannot be used.
@@ -134,22 +134,43 @@ class Maps:
         inside = self.costs.grid.inside(row, col) and self.costs.weight[row + 1, col + 1] > 0
         return inside and self._free(here, (place,), sure=False)
 
-    def ways(
-        self, here: Point, places: tuple[Point, ...], field: str = "position", *, bold: bool = False
-    ) -> tuple[tuple[Point, ...], ...]:
+    def ways(self, here: Point, places: tuple[Point, ...], field: str = "position") -> tuple[tuple[Point, ...], ...]:
         """Return waypoints to each place around obstacles of map and ranger, or straight lines without a map.
 
         Args:
             here: where the robot is, x, y in m, frame map.
             places: places to reach one after the other, x, y in m, frame map.
             field: name of the request's field, for the refusal.
-            bold: True = where all marks close every way, a way around sure ones only is taken.
 
         Raises:
             Refusal: a place that cannot be reached: `unreachable`, `blocked`, `outside`, `invalid`; names the field.
         """
-        found: list[tuple[Point, ...]] = []
+        return self._ways(here, places, field, bold=False)[0]
+
+    def follow(self, here: Point, places: tuple[Point, ...], *, bold: bool = False) -> tuple[tuple[Point, ...], ...]:
+        """Return waypoints as `ways` does, of the route that the robot walks from now on, which `free` checks.
+
+        Args:
+            here: where the robot is, x, y in m, frame map.
+            places: places to reach one after the other, x, y in m, frame map.
+            bold: True = where all marks close every way, a way around sure ones only is taken.
+
+        Raises:
+            Refusal: a place that cannot be reached, as of `ways`.
+        """
         self._daring = False
+        found, self._daring = self._ways(here, places, "position", bold=bold)
+        return found
+
+    def _ways(
+        self, here: Point, places: tuple[Point, ...], field: str, *, bold: bool
+    ) -> tuple[tuple[tuple[Point, ...], ...], bool]:
+        """Return waypoints to each place, and True if one of the ways may lead through marks that are not sure.
+
+        The arguments and the refusal are those of `ways` and `follow`.
+        """
+        found: list[tuple[Point, ...]] = []
+        daring = False
         for i, place in enumerate(places):
             where = field if field == "position" else f"{field}.{i}"
             if math.hypot(*place) > FARTHEST:
@@ -160,11 +181,15 @@ class Maps:
             elif i > 0 and math.dist(begin, place) < 1e-6:
                 found.append(())  # the same place twice in a row
             else:
-                found.append(self._way(begin, place, (field, where), bold=bold))
-        return tuple(found)
+                way, sure = self._way(begin, place, (field, where), bold=bold)
+                found.append(way)
+                daring |= sure
+        return tuple(found), daring
 
-    def _way(self, begin: Point, place: Point, fields: tuple[str, str], *, bold: bool) -> tuple[Point, ...]:
-        """Return waypoints of the way around all marks, or around sure ones if the former is much longer.
+    def _way(
+        self, begin: Point, place: Point, fields: tuple[str, str], *, bold: bool
+    ) -> tuple[tuple[Point, ...], bool]:
+        """Return waypoints of the way around all marks, or, with True, around sure ones if the former is much longer.
 
         Args:
             begin: x, y in m, frame map.
@@ -172,7 +197,7 @@ class Maps:
             fields: names of the request's fields, for a refusal of `begin` and of the place.
             bold: False = a place that no way around all marks leads to is refused.
         """
-        found, refused = None, None
+        found, refused, daring = None, None, False
         for sure in (False, True) if self._unsure else (False,):
             try:
                 way = plan(self._costs_now(sure=sure), begin, place, self._limits)
@@ -182,11 +207,11 @@ class Maps:
                     continue
                 break
             if found is None or way.length < found.length - DETOUR:
-                found, self._daring = way, self._daring or sure
+                found, daring = way, sure
         if found is None:
             assert refused is not None
             raise Refusal(refused.code, refused.message, fields[refused.field == "goal"]) from None
-        return tuple((float(x), float(y)) for x, y in found.waypoints)
+        return tuple((float(x), float(y)) for x, y in found.waypoints), daring
 
     @property
     def _unsure(self) -> bool:

@@ -287,7 +287,7 @@ class Pilot:
         """
         if self.ways is not None:
             try:
-                goal.lead(self.ways.ways(here, goal.places[goal.place :], bold=goal.bold()), now)
+                goal.lead(self.ways.follow(here, goal.places[goal.place :], bold=goal.bold()), now)
             except Refusal as refusal:
                 return refusal.message
         return ""

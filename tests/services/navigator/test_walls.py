@@ -6,7 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from surefoot.errors import Refusal
 from surefoot.schemas.hw import Range
+from surefoot.services.navigator.config import NavigatorConfig
+from surefoot.services.navigator.maps import Maps
 from surefoot.services.navigator.planning.grid import OCCUPIED, FloorGrid
 from surefoot.services.navigator.planning.seen import SeenObstacles, expected_echo
 from surefoot.services.navigator.ranging import take_range
@@ -292,3 +295,24 @@ def test_a_robot_too_near_to_a_mark_may_leave_it_and_not_come_nearer() -> None:
     assert not seen.free(here, ((0.7, 2.5),), 0.12)
     assert seen.free(here, ((1.5, 1.5),), 0.12)
     assert seen.free(here, ((0.525, 0.5),), 0.12)
+
+
+def test_a_request_for_another_place_changes_nothing_of_the_route_that_is_walked() -> None:
+    maps, here, there = Maps(NavigatorConfig(robot_radius=0.1)), (0.2, 1.5), (1.2, 1.5)
+    maps.grid = grid(*((row, 20) for row in range(60) if not 24 <= row < 36))  # a wall with a door of 0.6 m
+
+    def see(away: float) -> None:
+        maps.see(reading(away, HALF), (0.3, 1.5, 0.0), (0.0, 0.0), 0.0)
+
+    around = maps.follow(here, (there,))
+    see(0.6)  # something in the door
+    assert maps._unsure  # pyright: ignore[reportPrivateUsage]
+    assert not maps.free(here, around[0])
+    with pytest.raises(Refusal):
+        maps.follow(here, (there,))
+    daring = maps.follow(here, (there,), bold=True)
+    assert maps.free(here, daring[0])
+    with pytest.raises(Refusal):
+        maps.ways(here, (there,))
+    assert maps.ways(here, ((0.3, 2.0),))
+    assert maps.free(here, daring[0])
