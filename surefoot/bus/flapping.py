@@ -19,7 +19,8 @@ import zenoh
 from surefoot.bus.unread import Connection, LinkTrouble, address_of, connections
 
 MOST_PER_S = 300.0
-"""Largest number of tokens that appear or vanish per s in good order. Twenty services that start at once show 60."""
+"""Largest number of tokens that appear or vanish per s in good order. Twenty services that start at once show 60
+under each of their keys."""
 LOOKS = 2
 """Number of looks in a row with more of them after which the link is ended; a burst of 2500 tokens is over before."""
 AGAIN_S = 60.0

@@ -97,7 +97,8 @@ class Tokens:
         everything: watch all names, as the router does, which counts the tokens under names of no service.
         hidden: first word of the hidden keys of the system (see `hidden`); empty = there are none.
         secret: secret of the system; empty = none.
-        on_change: called when a token appears or vanishes under any public key, if all names are watched.
+        on_change: called when a token appears or vanishes under the public or the hidden key of any name, if all names
+            are watched.
     """
 
     def __init__(
@@ -148,6 +149,9 @@ class Tokens:
                 sink(life)
 
         self._subscribe("*", on_life, indirect=True)
+        if first and self._hidden:
+            hidden = self._declare(self._hidden, "*", lambda life: self._on_change(), indirect=True)
+            self._keep[self._hidden] = [hidden]
 
     @property
     def expressions(self) -> tuple[str, ...]:
@@ -155,7 +159,8 @@ class Tokens:
         names = (*self._services, DRIVER)
         if not self._services:
             return (f"{LIVE}/*/*",)
-        closed = {name for name, readers in self._merged.items() if all(one.closed for one in readers)}
+        merged = tuple(self._merged.items())  # of another thread: `add` may change them meanwhile
+        closed = {name for name, readers in merged if all(one.closed for one in readers)}
         hidden = (f"{self._hidden}/{name}/*" for name in names) if self._hidden else ()
         return (*hidden, *(f"{LIVE}/{name}/*" for name in names if name not in closed))
 

@@ -1,6 +1,8 @@
 """Tokens under hidden keys: what strangers show costs the processes of a system with a secret nothing."""
 
 from collections.abc import Iterator
+from itertools import count, islice
+from typing import Any, cast
 
 import pytest
 import zenoh
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from surefoot.bus.hidden import Merged, hidden_word, sealed_for_any
 from surefoot.bus.interface import Life
 from surefoot.bus.seals import new_secret, sealed_name
-from surefoot.bus.tokens import LIVE
+from surefoot.bus.tokens import LIVE, Tokens
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lockstep.join import DRIVER
 from tests.surefoot.net import Net, wait_until
@@ -90,6 +92,35 @@ def test_links_are_checked_by_tokens_that_strangers_cannot_show(system: Net) -> 
     system.open("client").announce("motors", "by_hand")
     wait_until(lambda: reader._visible(reader.session) == {name, "by_hand"})  # pyright: ignore[reportPrivateUsage]
     assert reader._alive() == {name, "by_hand"}  # pyright: ignore[reportPrivateUsage]
+
+
+def test_a_client_that_flaps_under_the_hidden_key_is_ended_as_well(system: Net) -> None:
+    watched(system.router)
+    flapper, numbers, reasons = system.plain(), count(), set[str]()
+
+    def flaps() -> bool:
+        for number in islice(numbers, 1000):
+            key = f"{system.namespace}/{hidden_word(SECRET)}/walker/{number}"
+            flapper.liveliness().declare_token(key).undeclare()
+        reasons.update(one.reason for one in system.router.look_at_links())
+        return f"flooder {flapper.zid()}" in reasons
+
+    wait_until(flaps)
+    flapper.close()
+
+
+def test_a_service_that_is_added_while_links_are_checked_ends_no_check() -> None:
+    tokens = Tokens(cast("zenoh.Session", None), SYSTEM, everything=False, hidden="@alive0", secret=SECRET)
+    readers: dict[str, list[Any]] = tokens._merged  # pyright: ignore[reportPrivateUsage]
+
+    class Adding:
+        @property
+        def closed(self) -> bool:
+            readers[f"added{len(readers)}"] = []
+            return False
+
+    readers["walker"], readers["motors"] = [Adding()], [Adding()]
+    assert len(tokens.expressions) == 2 * len((*SYSTEM, DRIVER))
 
 
 def test_no_wildcard_finds_a_hidden_key_and_each_secret_has_its_own() -> None:
