@@ -214,7 +214,7 @@ class PhysicsWorld:
 
     @property
     def diverged(self) -> str:
-        """Names of the quantities that MuJoCo found infinite or huge since the reset; empty: the physics are valid."""
+        """Names of the quantities that MuJoCo found not finite or huge since the reset; empty: there are none."""
         if self.data.time - self._settled_s > (self.steps - 0.5) * STEP_NS * 1e-9:
             return ""
         warning, kind = self.data.warning, mujoco.mjtWarning

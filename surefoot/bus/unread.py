@@ -49,7 +49,7 @@ class LinkTrouble(NamedTuple):
             messages of a process come after later ones, `forged` messages in the name of a process lack its seal,
             `foreign_token` liveliness tokens are shown under a name of no service, `too_large` messages are larger than
             any legal one of their key, `heavy` a client sends more at a stretch than the largest message, `token_flood`
-            tokens come and go without end, `flooder <address>` the link to the client that shows them was ended.
+            tokens come and go without end, `flooder <session>` the link to the client that shows them was ended.
         text: message for the log.
         peer: name of its session; of late and forged messages their key, of tokens their name.
         number: number by which it counts.
