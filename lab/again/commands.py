@@ -136,7 +136,7 @@ def _verify_list(names: tuple[str, ...], *, json: bool) -> None:
             rows.append((run, run.again()))
     same = sum(run == found for run, found in rows)
     if json:
-        every_run = [{**a._asdict(), "found": b.run_hash} for a, b in rows]
+        every_run = [{**a._asdict(), "found": b.run_hash, "found_ticks": b.ticks} for a, b in rows]
         write_json({"same": same == len(rows), "numbers": numbers(), "runs": every_run})
     else:
         shown = [(a.scenario, str(a.seed), a.run_hash[:12], "same" if a == b else b.run_hash[:12]) for a, b in rows]

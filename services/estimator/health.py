@@ -162,5 +162,5 @@ def reasons(
             f"feet {way} by {abs(100.0 * c.sinks):.1f} cm/s while they stand: soft ground, or legs of other lengths"
         )
     if c.excess >= ROUGH_EXCESS:
-        out.append(f"the inertial unit errs {c.excess:.0f} times as much as its sensor")
+        out.append(f"the noise of the inertial unit counts {c.excess:.0f} times that of its sensor")
     return (*out, *STANDING) if c.standing else tuple(out)

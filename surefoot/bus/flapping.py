@@ -130,11 +130,13 @@ class Flapping:
 
     def _stay(self) -> None:
         """Check after each `AT_ONCE` tokens, for `AGAIN_S` after the last end of a link."""
-        while not self._over and self._clock() - self._ended_at <= AGAIN_S:
-            if self._due.wait(AGAIN_S) and not self._over:
-                self._due.clear()
-                self._check()
-        self._thread = None
+        try:
+            while not self._over and self._clock() - self._ended_at <= AGAIN_S:
+                if self._due.wait(AGAIN_S) and not self._over:
+                    self._due.clear()
+                    self._check()
+        finally:
+            self._thread = None
 
 
 def end_connection(address: str) -> bool:

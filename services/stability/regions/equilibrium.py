@@ -266,7 +266,7 @@ def _least_balance(arm: Array) -> Array | None:
 
     They are f = e_z / n + w x q with q = r - c, c the mean of the arms r: orthogonal to all forces that balance to
     zero, as these do no work in a rigid motion. J w = e_z x c, with J = sum(|q|^2 I - q q'), balances the moment. Where
-    J is near to singular, as for contacts on a line, the forces are found by singular values.
+    J is near to singular, as for contacts on a line or close together, the forces are found by singular values.
 
     Args:
         arm: r, from the CoM, (n, 3), in any unit in which the longest is near 1.
@@ -279,10 +279,11 @@ def _least_balance(arm: Array) -> Array | None:
     turn = np.array([-middle[1], middle[0], 0.0])
     inverse, condition = inverse3(inertia)
     if condition < ROBUST:
-        x, y, z = w = inverse @ turn
+        x, y, z = inverse @ turn
         force = away @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
         force[:, 2] += 1.0 / n
-        return force if float(np.abs(inertia @ w - turn).max()) < EXACT else None
+        if _unbalanced(arm, force) < EXACT:
+            return force
     x, y, z = arm.T
     sums = np.zeros((6, n, 3))
     for axis in range(3):
@@ -290,6 +291,12 @@ def _least_balance(arm: Array) -> Array | None:
     sums[3, :, 1], sums[3, :, 2] = -z, y
     sums[4, :, 0], sums[4, :, 2] = z, -x
     sums[5, :, 0], sums[5, :, 1] = -y, x
-    rows, load = sums.reshape(6, 3 * n), np.eye(6)[2]
-    force = np.linalg.lstsq(rows, load, rcond=None)[0]
-    return force.reshape(n, 3) if float(np.abs(rows @ force - load).max()) < EXACT else None
+    force = np.linalg.lstsq(sums.reshape(6, 3 * n), np.eye(6)[2], rcond=None)[0].reshape(n, 3)
+    return force if _unbalanced(arm, force) < EXACT else None
+
+
+def _unbalanced(arm: Array, force: Array) -> float:
+    """Return the largest part by which forces f miss sum f = e_z and sum r x f = 0; `arm` r, `force` f: (n, 3)."""
+    (x, y, z), (a, b, c) = arm.T, force.T
+    sums = [np.add.reduce(part) for part in (a, b, c, y * c - z * b, z * a - x * c, x * b - y * a)]
+    return float(np.abs(np.array(sums) - np.eye(6)[2]).max())

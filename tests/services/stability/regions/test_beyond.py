@@ -1,11 +1,13 @@
 """Equilibrium forces, what-if, robust margins and gradients."""
 
+import math
+
 import numpy as np
 import pytest
 
 from surefoot.arrays import Array
 from surefoot.services.stability.programs.contacts import ContactSet, contact_set, equally_spaced
-from surefoot.services.stability.regions.equilibrium import equilibrium, least_forces, least_friction
+from surefoot.services.stability.regions.equilibrium import _least_balance, equilibrium, least_forces, least_friction
 from surefoot.services.stability.regions.margin import margin
 from surefoot.services.stability.regions.region import region
 from surefoot.services.stability.regions.robust import Uncertainty, gradient, robust_margin, shrunk
@@ -88,6 +90,22 @@ def test_least_forces_are_those_of_the_pseudoinverse_where_these_lie_in_the_cone
             np.testing.assert_allclose(got, least, atol=1e-11)
             held += 1
     assert held > 60
+
+
+@pytest.mark.parametrize("spread", [0.1, 1e-3, 1e-4, 1e-6])
+def test_least_forces_balance_however_close_together_the_contacts_are(spread: float) -> None:
+    """Contacts 1.4 m beside the CoM, which press and pull: the moment is a difference of large ones."""
+    rng, found = np.random.default_rng(7), 0
+    for _ in range(60):
+        points = spread * rng.uniform(-1.0, 1.0, (int(rng.integers(3, 7)), 3)) + [1.0, 1.0, 0.0]
+        arm = points / np.abs(points).max()
+        force = _least_balance(arm)
+        if force is not None:
+            found += 1
+            moment = np.array([math.fsum(part) for part in np.cross(arm, force).T])
+            assert np.abs(moment).max() < 2e-12
+            assert abs(math.fsum(force[:, 2]) - 1.0) < 2e-12
+    assert found > 0 or spread < 1e-3
 
 
 def _arm_of(r: Array) -> Array:
