@@ -79,15 +79,16 @@ def gyro_share(memory: Array) -> float:
 
 @kernel
 def trusted_share(state: BestState) -> float:
-    """Return the weight of the gyro in the heading, 0 to 1; 0 before the first rest if the gyro bias is not near 0.
+    """Return the weight s of the gyro in the heading, 0 to 1; 0 before the first rest if the gyro bias is not near 0.
 
-    Until the first rest the gyro bias is taken to be 0, unless its estimate in `state` is above `FIXED.own_unknown`.
+    Until the first rest the gyro bias is taken to be 0, unless its estimate b in `state` has (1 - s) |b| above
+    `FIXED.own_unknown`: b comes from the feet, and counts as much as these.
     """
-    memory, own, size_sq = state.memory, M.own_bias, 0.0
+    memory, own, size_sq, share = state.memory, M.own_bias, 0.0, gyro_share(state.memory)
     if memory[own] == 0.0 and memory[own + 1] == 0.0 and memory[own + 2] == 0.0:
         for i in range(3):
             size_sq += state.x[X.gyro_bias + i] ** 2
-    return gyro_share(memory) if size_sq <= FIXED.own_unknown**2 else 0.0
+    return share if (1.0 - share) ** 2 * size_sq <= FIXED.own_unknown**2 else 0.0
 
 
 @kernel

@@ -281,8 +281,9 @@ class FixedNumbers(NamedTuple):
     """Shortest time, s, for which the same feet must stand to show the rate of parting."""
     own_sd: float = 0.002
     """Standard deviation of a gyro bias that was not observed at rest, for heading by the gyro, rad/s."""
-    own_unknown: float = 0.015
-    """Gyro bias, rad/s, above which the assumption of none, made before the first rest, is dropped."""
+    own_unknown: float = 0.01
+    """Gyro bias times the share of the feet in the heading, rad/s, above which the assumption of no bias, made before
+    the first rest, is dropped."""
     firm: int = 3
     """Number of closed switches that hold a sole flat on the ground; with fewer it may rock."""
     # levels of the ground
@@ -341,7 +342,7 @@ class FixedNumbers(NamedTuple):
     """Time after a start in motion within which a rest replaces it as a better start, s."""
     moving_tilt: float = 0.52
     """Standard deviation of the tilt with which a robot in motion starts, rad: 30 deg."""
-    moving_excess: float = 8.0
+    moving_excess: float = 6.0
     """Excess of the inertial noise with which a robot in motion starts, until that of its walk is known."""
     contradiction: float = 4.0
     """Difference, in standard deviations, above which the rest's accelerometer contradicts stated slope or tilt."""
