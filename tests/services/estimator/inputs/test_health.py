@@ -45,7 +45,7 @@ def words(c: health.Condition) -> str:
         ({"blind": True, "legs": health.NO_LEGS._replace(left_out=3)}, (True, False, False), "left out: foot 0, 1"),
         ({"unsettled": True}, FILTER, "velocity was lost"),
         ({"slipping": True}, ALL, "slipping: foot 0"),
-        ({"excess": health.ROUGH_EXCESS}, ALL, "errs 3 times as much"),
+        ({"excess": health.ROUGH_EXCESS}, ALL, "counts 3 times that"),
         ({"external_out": 2}, ALL, "2 samples from elsewhere"),
     ],
 )
