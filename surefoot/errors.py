@@ -20,11 +20,20 @@ class SurefootError(Exception):
         self.message = message
         self.field = field
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what pickle needs to make the error again in another process, as one of a pool."""
+        return _blank, (type(self), *self.args), self.__dict__
+
     def reply(self) -> "ErrorReply":
         """Return the error as the message that a service sends when it refuses a query."""
         from surefoot.schemas.base import ErrorReply  # here: whoever only raises needs no models
 
         return ErrorReply(code=self.code, message=self.message[:2000], field=self.field)
+
+
+def _blank(kind: type[SurefootError], *args: Any) -> SurefootError:
+    """Return an error of a kind with the arguments of an exception, whose attributes are still to be set."""
+    return kind.__new__(kind, *args)
 
 
 class FieldError(SurefootError, ValueError):
@@ -42,18 +51,12 @@ class FieldError(SurefootError, ValueError):
         super().__init__(code, f"{field}: {message}", field)
         self.message = message
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.code, self.field, self.message)
-
 
 class InvalidField(FieldError):
     """A `FieldError` of code `invalid`."""
 
     def __init__(self, field: str, message: str) -> None:
         super().__init__("invalid", field, message)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.field, self.message)
 
 
 class Refusal(SurefootError):
