@@ -60,7 +60,7 @@ FAR = 1e9
 DETOUR_PACE = 0.04
 """Assumed speed of a robot on a detour, m/s, by which its extra length counts as time; the Nao walks at 0.05."""
 PATIENCE = 10.0
-"""Time, s, that the robot waits where all that may be closes every way before it tries one, once, as it may be free."""
+"""Time, s, that the robot waits while marks close every way; then it tries, once a goal, one through unsure marks."""
 NEARER = 3.0
 """Factor on the least progress, m, by which the remaining path has to shrink to count as shorter: the belief itself
 jumps by one such step."""

@@ -1,4 +1,4 @@
-"""Liveliness tokens under a key that only processes with the secret of a system know.
+"""Liveliness tokens under a key that is made from the secret of a system.
 
 Zenoh passes each token to each process that watches its key, and lets every client show tokens under any key: one that
 shows and takes away tokens of a service keeps all processes that watch that service from their work. Therefore a
@@ -6,7 +6,9 @@ process of a system with a secret shows its token twice, under the public key fo
 its peers stop watching the public key of a service as soon as they have seen a process of it with a sealed name. From
 then on no other process may act as that service anyway.
 
-The first word of the hidden key begins with ``@``, so that no wildcard of a subscription or query finds it.
+The first word of the hidden key begins with ``@``, so that no wildcard of a subscription or query finds it. A stranger
+whose session is a peer can read it from the subscriptions of others; tokens that it shows there are counted like those
+under the public key (docs/security.md).
 """
 
 import threading

@@ -250,8 +250,8 @@ def _in_cone(x: float, y: float, at: Pose, half: float, reach: float) -> bool:
     """Return True if a place lies in a cone.
 
     Args:
-        x: of the place, m, frame map.
-        y: likewise.
+        x: first coordinate of the place, m, frame map.
+        y: second coordinate of the place, m, frame map.
         at: x, y (m) and heading (rad) of the ranger, frame map.
         half: half angle of its cone, rad.
         reach: largest distance from the ranger, m.
