@@ -135,11 +135,10 @@ class NavigationGoal:
         """Index of the goal's place that the present waypoint leads to; past the last one the number of places."""
         return sum(end < self.index for end in self.ends)
 
+    @property
     def bold(self) -> bool:
-        """Return True once, after a wait of `PATIENCE`: a way may be planned through places where something may be."""
-        bold = self.waited >= PATIENCE and not self.dared
-        self.dared |= bold
-        return bold
+        """True after a wait of `PATIENCE` until a way was planned through places where something may be."""
+        return self.waited >= PATIENCE and not self.dared
 
     def give_up(self, now: float) -> None:
         """Skip the place that is walked to, count it as missed, and walk to the next waypoint from `now`, s, on."""

@@ -188,12 +188,10 @@ class Pilot:
             if gait.state == "standing" and self._halting is not None:
                 self._stand(goal, tracker)
             return
-        here = tracker.pose[:2]
-        if self._search.tick(goal, now, gait, here, blocked=blocked, lost=lost, suspected=suspected):
-            return
-        if self.state != "navigating":
-            return
-        if self._is_time(now, gait, tracker):
+        searching = self._search.tick(
+            goal, now, gait, tracker.pose[:2], blocked=blocked, lost=lost, suspected=suspected
+        )
+        if not searching and self.state == "navigating" and self._is_time(now, gait, tracker):
             self._decide(now, gait, tracker, blocked=blocked)
 
     def _is_time(self, now: float, gait: GaitView, tracker: PoseTracker) -> bool:
@@ -285,12 +283,17 @@ class Pilot:
             now: simulated time, s.
             here: x, y in m, frame map.
         """
-        if self.ways is not None:
+        if self.ways is None:
+            return ""
+        why = ""
+        for bold in (False, True)[: 1 + goal.bold]:
             try:
-                goal.lead(self.ways.follow(here, goal.places[goal.place :], bold=goal.bold()), now)
+                goal.lead(self.ways.follow(here, goal.places[goal.place :], bold=bold), now)
+                goal.dared |= bold
+                return ""
             except Refusal as refusal:
-                return refusal.message
-        return ""
+                why = why or refusal.message
+        return why
 
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
         """Return the belief predicted to the end of the actions under way, by their expected motion.
@@ -298,11 +301,8 @@ class Pilot:
         Returns:
             Mean (4,): x, y (m), heading (rad), frame map, drift (rad per m walked); its covariance (4, 4).
         """
-        rest = self.orders.execution.rest()
-        if not rest:
-            return tracker.after(Motion())
-        total = rest[0]
-        for motion in rest[1:]:
+        total = Motion()
+        for motion in self.orders.execution.rest():
             total = Motion(*(a + b for a, b in zip(vars(total).values(), vars(motion).values(), strict=True)))
         return tracker.after(total)
 

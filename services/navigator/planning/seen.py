@@ -39,7 +39,9 @@ FRESH = 10.0
 VIEWS = 256
 """Largest number of readings whose free space is kept."""
 STEP, TURN = 0.03, 0.05
-"""Distance, m, and angle, rad, from the last kept reading from which on another one is kept."""
+"""Distance, m, and angle, rad, between kept readings; the last reading is kept in any case."""
+SWAY = 0.01
+"""Angle by which the cone of a reading that showed a place free is widened, rad: errors of the heading since then."""
 MOST = 4096
 """Largest number of cells marked by ranger echoes; the oldest are dropped."""
 NEARER = 0.02
@@ -117,13 +119,13 @@ class SeenObstacles:
         empty = min(seen.longest if distance is None else distance, FARTHEST) - SLACK
         for cell in self._inside(at, half, empty):
             del self.marks[cell]
-        self._view(at, half, empty, now)
         if distance is not None and distance <= FARTHEST:
             slack, wider = SLACK + 2.0 * unsure[0], half + EDGE + 2.0 * unsure[1]
             known = expected_echo(self.grid, at, (wider, 0.0), distance + slack + 0.1, self.obstacle)[0]
             unknown = known > distance + slack
             if unknown:
                 self._echo(at, half, distance, now)
+        self._view(at, half, empty, now)
         while len(self.marks) > MOST:
             del self.marks[min(self.marks, key=lambda cell: self.marks[cell])]
         self.sure &= self.marks.keys()
@@ -131,7 +133,7 @@ class SeenObstacles:
         return unknown
 
     def _view(self, at: Pose, half: float, empty: float, now: float) -> None:
-        """Keep the free space of a reading unless it is that of the last kept one.
+        """Keep the free space of a reading, in place of that of the last one if that was near to the one before.
 
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
@@ -139,14 +141,15 @@ class SeenObstacles:
             empty: distance up to which the cone is empty, m.
             now: simulated time, s.
         """
-        while self._views and now - self._views[0][3] > FRESH:
-            self._views.popleft()
-        if self._views:
-            (x, y, heading), _, reach, _ = self._views[-1]
-            moved = max(math.hypot(at[0] - x, at[1] - y) / STEP, abs(at[2] - heading) / TURN, abs(empty - reach) / STEP)
+        views = self._views
+        while views and now - views[0][3] > FRESH:
+            views.popleft()
+        if len(views) > 1:
+            ((x0, y0, heading0), _, reach0, _), ((x, y, heading), _, reach, _) = views[-2], views[-1]
+            moved = max(math.hypot(x - x0, y - y0) / STEP, abs(heading - heading0) / TURN, abs(reach - reach0) / STEP)
             if moved < 1.0:
-                return
-        self._views.append((at, half, empty, now))
+                views.pop()
+        views.append((at, half, empty, now))
 
     def _echo(self, at: Pose, half: float, distance: float, now: float) -> None:
         """Renew the marks that explain an echo, or mark where its object may be, and note which of these are sure.
@@ -160,8 +163,12 @@ class SeenObstacles:
         cells = self._inside(at, half if distance > CLOSE else 0.5 * half, distance + SLACK)  # nearer ones are cleared
         few = self._extent(cells) <= NARROW
         if not cells:
-            middle = self._arc(at, min(half, 0.5 * WIDTH / distance), distance)
-            arc = self._unseen(self._arc(at, half, distance))
+            places = self._arc(at, half, distance)
+            middle = self._cells(self._arc(at, min(half, 0.5 * WIDTH / distance), distance))
+            arc = self._cells([place for place in places if not self._was_free(place)])
+            if not arc:  # something has come: where it may be, earlier readings show nothing any more
+                stale = [view for view in self._views if any(_in_cone(*place, *view[:3]) for place in places)]
+                self._views = deque((view for view in self._views if view not in stale), VIEWS)
             few = self._extent(arc) <= NARROW
             left = set(arc)
             cells = [cell for cell in middle if cell in left] or arc or middle
@@ -176,29 +183,29 @@ class SeenObstacles:
         rows, cols = zip(*cells, strict=True)
         return self.grid.cell * math.hypot(max(rows) - min(rows), max(cols) - min(cols))
 
-    def _arc(self, at: Pose, half: float, distance: float) -> list[tuple[int, int]]:
-        """Return the cells (row, column) on the arc of an echo that the static map has free, each once.
+    def _arc(self, at: Pose, half: float, distance: float) -> list[Point]:
+        """Return places on the arc of an echo, x, y in m, frame map, half a cell apart.
 
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
             half: half angle of the arc, rad.
             distance: distance of the echo, m.
         """
-        grid, reach = self.grid, distance + 0.5 * self.grid.cell
-        count = max(3, math.ceil(4.0 * half * reach / grid.cell))
+        reach = distance + 0.5 * self.grid.cell
+        count = max(3, math.ceil(4.0 * half * reach / self.grid.cell))
         angles = np.linspace(at[2] - half, at[2] + half, count).tolist()
-        cells = [grid.index(at[0] + reach * math.cos(angle), at[1] + reach * math.sin(angle)) for angle in angles]
+        return [(at[0] + reach * math.cos(angle), at[1] + reach * math.sin(angle)) for angle in angles]
+
+    def _cells(self, places: list[Point]) -> list[tuple[int, int]]:
+        """Return the cells (row, column) of places, x, y in m, that the static map has free, each once."""
+        grid = self.grid
+        cells = [grid.index(*place) for place in places]
         free = [cell for cell in cells if grid.inside(*cell) and int(grid.cells[cell]) < self.obstacle]
         return list(dict.fromkeys(free))
 
-    def _unseen(self, cells: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Return those of some cells (row, column) that no recent reading showed free."""
-        found: list[tuple[int, int]] = []
-        for cell in cells:
-            x, y = self.grid.centre(*cell)
-            if not any(_in_cone(x, y, at, half, empty) for at, half, empty, _ in self._views):
-                found.append(cell)
-        return found
+    def _was_free(self, place: Point) -> bool:
+        """Return True if a recent reading showed a place, x, y in m, frame map, free."""
+        return any(_in_cone(*place, at, half + SWAY, empty) for at, half, empty, _ in self._views)
 
     def _inside(self, at: Pose, half: float, reach: float) -> list[tuple[int, int]]:
         """Return the marked cells (row, column) in the cone of a ranger.

@@ -9,7 +9,9 @@ import pytest
 from surefoot.errors import Refusal
 from surefoot.schemas.hw import Range
 from surefoot.services.navigator.config import NavigatorConfig
+from surefoot.services.navigator.goals import PATIENCE, NavigationGoal
 from surefoot.services.navigator.maps import Maps
+from surefoot.services.navigator.pilot import Pilot
 from surefoot.services.navigator.planning.grid import OCCUPIED, FloorGrid
 from surefoot.services.navigator.planning.seen import SeenObstacles, expected_echo
 from surefoot.services.navigator.ranging import take_range
@@ -275,6 +277,23 @@ def test_what_other_readings_showed_free_is_not_marked_unless_nothing_else_is_le
     assert any(grid().centre(*cell)[1] < 1.4 for cell in seen.marks)
 
 
+@pytest.mark.parametrize("cell", [0.03, 0.05])
+def test_somebody_who_steps_before_a_standing_robot_is_marked_where_they_are_and_not_at_the_edge(cell: float) -> None:
+    rng, side = np.random.default_rng(6), int(3.0 / cell)
+    for _ in range(60):
+        floor = FloorGrid(np.zeros((side, side), dtype=np.int8), cell)
+        seen, away = SeenObstacles(floor, 65, keep=100.0), rng.uniform(0.5, 0.9)
+        x, y, heading = rng.uniform((0.8, 1.2, -0.3), (1.2, 1.8, 0.3)).tolist()
+        for k in range(30):  # it turns, then stands
+            turned = max(0, 10 - k) * 0.023
+            seen.take(reading(None, HALF), (x, y, heading + turned + rng.uniform(0.0, 0.005)), (0.0, 0.0), 0.1 * k)
+        for k in range(5):
+            seen.take(reading(away, HALF), (x, y, heading + rng.uniform(0.0, 0.005)), (0.0, 0.0), 3.0 + 0.1 * k)
+        off = heading + rng.uniform(-0.2, 0.2)
+        assert not seen.free((x, y), ((x + 1.5 * math.cos(off), y + 1.5 * math.sin(off)),), 0.12)
+        assert not seen.sure
+
+
 def put(journey: Journey, x: float) -> None:
     """Put the robot at (x, 0) m, facing along x, with a belief that is right."""
     journey.walker.x = x
@@ -297,15 +316,22 @@ def test_a_robot_too_near_to_a_mark_may_leave_it_and_not_come_nearer() -> None:
     assert seen.free(here, ((0.525, 0.5),), 0.12)
 
 
+def doorway() -> tuple[Maps, tuple[float, float], tuple[float, float]]:
+    """Return the maps of a wall with a door of 0.6 m, and a place on each side of it, x, y in m."""
+    maps = Maps(NavigatorConfig(robot_radius=0.1))
+    maps.grid = grid(*((row, 20) for row in range(60) if not 24 <= row < 36))
+    return maps, (0.2, 1.5), (1.2, 1.5)
+
+
+def look(maps: Maps, distance: float | None, x: float = 0.3) -> None:
+    """Enter an echo at a distance, m, of a ranger at (x, 1.5) m before the door; None = it shows nothing."""
+    maps.see(reading(distance, HALF), (x, 1.5, 0.0), (0.0, 0.0), 0.0)
+
+
 def test_a_request_for_another_place_changes_nothing_of_the_route_that_is_walked() -> None:
-    maps, here, there = Maps(NavigatorConfig(robot_radius=0.1)), (0.2, 1.5), (1.2, 1.5)
-    maps.grid = grid(*((row, 20) for row in range(60) if not 24 <= row < 36))  # a wall with a door of 0.6 m
-
-    def see(away: float) -> None:
-        maps.see(reading(away, HALF), (0.3, 1.5, 0.0), (0.0, 0.0), 0.0)
-
+    maps, here, there = doorway()
     around = maps.follow(here, (there,))
-    see(0.6)  # something in the door
+    look(maps, 0.6)  # something in the door
     assert maps._unsure  # pyright: ignore[reportPrivateUsage]
     assert not maps.free(here, around[0])
     with pytest.raises(Refusal):
@@ -316,3 +342,18 @@ def test_a_request_for_another_place_changes_nothing_of_the_route_that_is_walked
         maps.ways(here, (there,))
     assert maps.ways(here, ((0.3, 2.0),))
     assert maps.free(here, daring[0])
+
+
+def test_a_refused_way_through_what_may_be_free_is_tried_again_and_one_that_was_found_is_not() -> None:
+    maps, here, there = doorway()
+    goal, pilot = NavigationGoal("there", (there,), "steer", 0.0, waited=PATIENCE), Pilot((), commands=False, ways=maps)
+    assert not pilot.replan(goal, 0.0, here)  # the door is open
+    assert not goal.dared
+    look(maps, 0.38, x=0.6)  # surely something in the door
+    assert pilot.replan(goal, 0.0, here)
+    assert not goal.dared
+    look(maps, None)
+    look(maps, 0.6)  # something may be there
+    assert not pilot.replan(goal, 0.0, here)
+    assert goal.dared
+    assert pilot.replan(goal, 0.0, here)
