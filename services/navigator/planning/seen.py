@@ -36,12 +36,13 @@ NEAR = 0.4
 """Distance of an echo, m, up to which its marks are sure however many they are: the robot comes no nearer."""
 FRESH = 10.0
 """Time, s, for which a place that a reading showed free counts as free when an echo is marked."""
+SETTLED = 0.5
+"""Least age, s, of a reading by which an echo shows that something has come: the cone of a robot that turns is then at
+another angle."""
+STEP, SWAY = 0.03, 0.02
+"""Distance, m, and angle, rad, up to which two readings are from the same pose."""
 VIEWS = 256
-"""Largest number of readings whose free space is kept."""
-STEP, TURN = 0.03, 0.05
-"""Distance, m, and angle, rad, between kept readings; the last reading is kept in any case."""
-SWAY = 0.01
-"""Angle by which the cone of a reading that showed a place free is widened, rad: errors of the heading since then."""
+"""Largest number of readings whose free space is kept, evenly in time."""
 MOST = 4096
 """Largest number of cells marked by ranger echoes; the oldest are dropped."""
 NEARER = 0.02
@@ -125,31 +126,15 @@ class SeenObstacles:
             unknown = known > distance + slack
             if unknown:
                 self._echo(at, half, distance, now)
-        self._view(at, half, empty, now)
+        while self._views and now - self._views[0][3] > FRESH:
+            self._views.popleft()
+        if not self._views or now - self._views[-1][3] >= FRESH / VIEWS:
+            self._views.append((at, half, empty, now))
         while len(self.marks) > MOST:
             del self.marks[min(self.marks, key=lambda cell: self.marks[cell])]
         self.sure &= self.marks.keys()
         self.version += before != (set(self.marks), self.sure)
         return unknown
-
-    def _view(self, at: Pose, half: float, empty: float, now: float) -> None:
-        """Keep the free space of a reading, in place of that of the last one if that was near to the one before.
-
-        Args:
-            at: x, y (m) and heading (rad) of the ranger, frame map.
-            half: half angle of its cone, rad.
-            empty: distance up to which the cone is empty, m.
-            now: simulated time, s.
-        """
-        views = self._views
-        while views and now - views[0][3] > FRESH:
-            views.popleft()
-        if len(views) > 1:
-            ((x0, y0, heading0), _, reach0, _), ((x, y, heading), _, reach, _) = views[-2], views[-1]
-            moved = max(math.hypot(x - x0, y - y0) / STEP, abs(heading - heading0) / TURN, abs(reach - reach0) / STEP)
-            if moved < 1.0:
-                views.pop()
-        views.append((at, half, empty, now))
 
     def _echo(self, at: Pose, half: float, distance: float, now: float) -> None:
         """Renew the marks that explain an echo, or mark where its object may be, and note which of these are sure.
@@ -163,12 +148,8 @@ class SeenObstacles:
         cells = self._inside(at, half if distance > CLOSE else 0.5 * half, distance + SLACK)  # nearer ones are cleared
         few = self._extent(cells) <= NARROW
         if not cells:
-            places = self._arc(at, half, distance)
-            middle = self._cells(self._arc(at, min(half, 0.5 * WIDTH / distance), distance))
-            arc = self._cells([place for place in places if not self._was_free(place)])
-            if not arc:  # something has come: where it may be, earlier readings show nothing any more
-                stale = [view for view in self._views if any(_in_cone(*place, *view[:3]) for place in places)]
-                self._views = deque((view for view in self._views if view not in stale), VIEWS)
+            middle = self._arc(at, min(half, 0.5 * WIDTH / distance), distance)
+            arc = self._unseen(self._arc(at, half, distance), at, distance, now)
             few = self._extent(arc) <= NARROW
             left = set(arc)
             cells = [cell for cell in middle if cell in left] or arc or middle
@@ -183,29 +164,50 @@ class SeenObstacles:
         rows, cols = zip(*cells, strict=True)
         return self.grid.cell * math.hypot(max(rows) - min(rows), max(cols) - min(cols))
 
-    def _arc(self, at: Pose, half: float, distance: float) -> list[Point]:
-        """Return places on the arc of an echo, x, y in m, frame map, half a cell apart.
+    def _arc(self, at: Pose, half: float, distance: float) -> list[tuple[int, int]]:
+        """Return the cells (row, column) on the arc of an echo that the static map has free, each once.
 
         Args:
             at: x, y (m) and heading (rad) of the ranger, frame map.
             half: half angle of the arc, rad.
             distance: distance of the echo, m.
         """
-        reach = distance + 0.5 * self.grid.cell
-        count = max(3, math.ceil(4.0 * half * reach / self.grid.cell))
+        grid, reach = self.grid, distance + 0.5 * self.grid.cell
+        count = max(3, math.ceil(4.0 * half * reach / grid.cell))
         angles = np.linspace(at[2] - half, at[2] + half, count).tolist()
-        return [(at[0] + reach * math.cos(angle), at[1] + reach * math.sin(angle)) for angle in angles]
-
-    def _cells(self, places: list[Point]) -> list[tuple[int, int]]:
-        """Return the cells (row, column) of places, x, y in m, that the static map has free, each once."""
-        grid = self.grid
-        cells = [grid.index(*place) for place in places]
+        cells = [grid.index(at[0] + reach * math.cos(angle), at[1] + reach * math.sin(angle)) for angle in angles]
         free = [cell for cell in cells if grid.inside(*cell) and int(grid.cells[cell]) < self.obstacle]
         return list(dict.fromkeys(free))
 
-    def _was_free(self, place: Point) -> bool:
-        """Return True if a recent reading showed a place, x, y in m, frame map, free."""
-        return any(_in_cone(*place, at, half + SWAY, empty) for at, half, empty, _ in self._views)
+    def _unseen(self, cells: list[tuple[int, int]], at: Pose, distance: float, now: float) -> list[tuple[int, int]]:
+        """Return the cells (row, column) of an arc that no recent reading showed free, none where something has come.
+
+        Something has come if a reading from the same pose showed nothing as near a while before, or if no cell is left.
+        The readings that showed one of the cells free are forgotten then.
+
+        Args:
+            cells: those of the arc.
+            at: x, y (m) and heading (rad) of the ranger, frame map.
+            distance: distance of the echo, m.
+            now: simulated time, s.
+        """
+        if not self._views or not cells:
+            return cells
+        cones = [
+            (*view[:2], math.cos(view[2]), math.sin(view[2]), math.cos(half), empty, time)
+            for view, half, empty, time in self._views
+        ]
+        x, y, c, s, edge, empty, time = np.array(cones).T
+        dx, dy = (np.array([self.grid.centre(*cell) for cell in cells])[:, :, None] - (x, y)).transpose(1, 0, 2)
+        away = np.sqrt(dx * dx + dy * dy)
+        free = (away < empty) & (c * dx + s * dy >= edge * away)  # (cells, readings)
+        same = (np.square(x - at[0]) + np.square(y - at[1]) <= STEP**2) & (now - time >= SETTLED)
+        same &= c * math.cos(at[2]) + s * math.sin(at[2]) >= math.cos(SWAY)
+        if (same & (empty > distance)).any() or free.any(axis=1).all():
+            views = zip(self._views, free.any(axis=0).tolist(), strict=True)
+            self._views = deque((view for view, old in views if not old), VIEWS)
+            return []
+        return [cell for cell, shown in zip(cells, free.any(axis=1).tolist(), strict=True) if not shown]
 
     def _inside(self, at: Pose, half: float, reach: float) -> list[tuple[int, int]]:
         """Return the marked cells (row, column) in the cone of a ranger.
