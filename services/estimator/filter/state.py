@@ -32,14 +32,12 @@ from .noise import FIXED, BestNoise
 
 
 class Felt(NamedTuple):
-    """Variances that shocks and jerk of the trunk add to the noise of one inertial sample."""
+    """What shocks and jerk of the trunk, and the end of a rest, add to the noise of one inertial sample."""
 
-    gyro: float
-    """Variance added to a gyro sample about level axes, (rad/s)^2."""
-    turn: float
-    """Variance added to a gyro sample about the vertical, (rad/s)^2."""
-    acc: float
-    """Variance added to an accelerometer sample, (m/s^2)^2."""
+    gyro: float  # variance added to a gyro sample about level axes, (rad/s)^2
+    turn: float  # variance added to a gyro sample about the vertical, (rad/s)^2
+    acc: float  # variance added to an accelerometer sample, (m/s^2)^2
+    woken: float = 0.0  # added to the square of the excess of the inertial noise, just after a rest
 
 
 class BestState(NamedTuple):
@@ -323,7 +321,7 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
         q: mean accelerometer over the step, IMU axes, (3,) m/s^2.
         d: length of the step, s.
         noise: noises and rates of the filter.
-        felt: variances that shocks and jerk add to gyro and accelerometer in this step.
+        felt: what shocks and jerk, and the end of a rest, add to the noise of gyro and accelerometer in this step.
     """
     x, cov, points, memory = state.x, state.cov, state.points, state.memory
     turn, half, force, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -349,7 +347,7 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
     _carry_rows(cov, points, d, v, arms, middle)
     _transpose(cov)
     _carry_rows(cov, points, d, v, arms, middle)  # F (F P)^T, which is symmetric
-    excess, up = memory[M.excess] * memory[M.excess], middle[2]
+    excess, up = memory[M.excess] * memory[M.excess] + felt.woken, middle[2]
     sensor_sq, own_sq = (memory[M.shown] * noise.gyro) ** 2, (memory[M.shown + 1] * noise.acc) ** 2
     acc_sq = min(excess * own_sq, max(own_sq, noise.most_shaken**2)) + (excess - 1.0) * felt.acc * d
     _inertial_noise(cov, points, d, v, arms, excess * (sensor_sq + felt.gyro * d), sensor_sq + felt.turn * d, acc_sq)
@@ -376,11 +374,11 @@ def predict(state: BestState, w: Array, q: Array, d: float, noise: BestNoise, fe
 
 @kernel
 def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
-    """Return the variances that the change since the last inertial sample adds to its noise, and store the sample.
+    """Return what the change since the last inertial sample, and a recent rest, add to its noise; store the sample.
 
-    A structure that shakes turns and moves the IMU against the trunk, and a sample in the middle of a shock is not the
-    mean over its period; the sensors' own noise changes by 6 sigma^2 on average (three axes, two samples). A bend turns
-    the IMU back again, so errors of the heading cancel; those of the tilt act on the velocity at every moment.
+    A shaken structure turns and moves the IMU against the trunk, and a sample in a shock is not the mean over its
+    period; the sensors' own noise changes by 6 sigma^2 on average (three axes, two samples). A bend turns the IMU back:
+    errors of the heading cancel, those of the tilt act on the velocity at every moment.
 
     Args:
         memory: `BestState.memory`, (124,); the last sample in it is replaced.
@@ -395,4 +393,6 @@ def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
         memory[M.last_gyro + i], memory[M.last_acc + i] = w[i], q[i]
     turn = max(0.0, turn - 6.0 * (memory[M.shown] * noise.sample_gyro) ** 2)
     push = max(0.0, push - 6.0 * (memory[M.shown + 1] * noise.sample_acc) ** 2)
-    return Felt(noise.gyro_jerk**2 * turn, noise.turn_jerk**2 * turn, noise.acc_jerk**2 * push)
+    wakes = memory[M.woke] >= 0.0 and memory[M.rest] == 0.0
+    left = max(1.0 - (memory[M.age] - memory[M.woke]) / FIXED.woken_s, 0.0) if wakes else 0.0
+    return Felt(noise.gyro_jerk**2 * turn, noise.turn_jerk**2 * turn, noise.acc_jerk**2 * push, FIXED.waking * left**2)

@@ -1,4 +1,4 @@
-"""Starts in the middle of a walk whose inertial unit is shaken by every step."""
+"""Walks whose inertial unit is shaken by every step, begun from a rest or seen from their middle on."""
 
 from dataclasses import replace
 
@@ -42,3 +42,17 @@ def test_a_start_in_a_shaken_walk_is_as_sure_and_as_good_as_the_walk_allows() ->
         later.append((off[goes_on] ** 2).sum(axis=1).mean())
     assert np.mean(nees) < 2.2
     assert np.mean(first) < 2.5 * np.mean(later)
+
+
+def test_the_first_steps_after_a_rest_are_not_surer_than_the_walk_allows() -> None:
+    """A rest shows the noise of the sensors alone: the error of the first steps was nine times its stated deviation."""
+    log, nees = trotting(SPEED, 5.0), []
+    walks, first = log.seconds > 3.0, (log.seconds > 3.0) & (log.seconds < 3.5)
+    for seed in range(SEEDS):
+        error = shaken(log.seconds, np.random.default_rng(seed)) * walks[:, None]
+        found = track("best", replace(log, q=log.q + error))
+        speed = np.gradient(trotted(SPEED, log.seconds), log.seconds)
+        true = Rotation.from_rotvec(tilts(log.seconds)).inv().apply(np.outer(speed, [1.0, 0.0, 0.0]))
+        off = (found.v - true)[first]
+        nees.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(found.p[first, 3:, 3:]), off).mean() / 3)
+    assert np.mean(nees) < 12.0
