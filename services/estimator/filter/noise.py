@@ -357,11 +357,13 @@ class FixedNumbers(NamedTuple):
     least_noise: float = 0.03
     """Fraction of the stated noise below which a rest shows the sensor's resolution, and the noise stays as stated."""
     waking: float = 24.0
-    """Added to the squared excess of the inertial noise as a rest ends, falling to 0 in `woken_s` (a parabola)."""
+    """Added to the squared excess of the inertial noise as a rest ends, falling to 0 in `waking_s` (a parabola)."""
+    waking_s: float = 0.6
+    """Time for which the noise of the walk after a rest is not known, s: with 1 s, fewer slides are recognised."""
     woken_excess: float = 2.2
     """Excess of the inertial noise just after a rest, from which on the tilt of the rest is checked. Clean logs: 2."""
     woken_s: float = 1.0
-    """Time after a rest until which its tilt is checked and the noise of the walk is not known, s."""
+    """Time after a rest until which the tilt of the rest is checked, s."""
     woken_least_s: float = 0.2
     """Time after a rest before which its tilt is not corrected, s."""
     woken_speed: float = 0.15

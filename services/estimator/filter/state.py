@@ -394,5 +394,5 @@ def felt_variance(memory: Array, w: Array, q: Array, noise: BestNoise) -> Felt:
     turn = max(0.0, turn - 6.0 * (memory[M.shown] * noise.sample_gyro) ** 2)
     push = max(0.0, push - 6.0 * (memory[M.shown + 1] * noise.sample_acc) ** 2)
     wakes = memory[M.woke] >= 0.0 and memory[M.rest] == 0.0
-    left = max(1.0 - (memory[M.age] - memory[M.woke]) / FIXED.woken_s, 0.0) if wakes else 0.0
+    left = max(1.0 - (memory[M.age] - memory[M.woke]) / FIXED.waking_s, 0.0) if wakes else 0.0
     return Felt(noise.gyro_jerk**2 * turn, noise.turn_jerk**2 * turn, noise.acc_jerk**2 * push, FIXED.waking * left**2)
