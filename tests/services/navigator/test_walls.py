@@ -267,12 +267,12 @@ def test_an_arc_is_unsure_until_readings_leave_one_place_for_its_object() -> Non
 def test_what_other_readings_showed_free_is_not_marked_unless_nothing_else_is_left() -> None:
     seen, at = SeenObstacles(grid(), 65, keep=100.0), (0.5, 1.5, 0.0)
     seen.take(reading(None, HALF), (0.5, 1.5, 0.4), (0.0, 0.0), 0.0)
-    seen.take(reading(0.7, HALF), at, (0.0, 0.0), 0.6)
+    seen.take(reading(0.7, HALF), at, (0.0, 0.0), 0.1)
     assert seen.marks
     assert all(math.atan2(y - 1.5, x - 0.5) < -0.05 for x, y in map(grid().centre, *zip(*seen.marks, strict=True)))
     seen = SeenObstacles(grid(), 65, keep=100.0)
     seen.take(reading(None, HALF + 0.1), at, (0.0, 0.0), 0.0)
-    seen.take(reading(0.7, HALF), at, (0.0, 0.0), 0.6)  # something has come
+    seen.take(reading(0.7, HALF), at, (0.0, 0.0), 0.1)  # something has come
     assert any(grid().centre(*cell)[1] > 1.6 for cell in seen.marks)
     assert any(grid().centre(*cell)[1] < 1.4 for cell in seen.marks)
 
