@@ -22,6 +22,8 @@ MOST_ELEMENTS, MOST_DEPTH = 50_000, 200
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SMALLEST_INERTIA = 1e-12
 """Least principal inertia of a URDF link, kg m^2; smaller ones are raised to it, since MuJoCo refuses zero."""
+BALL = 0.4 * (3.0 / (4000.0 * math.pi)) ** (2 / 3)
+"""Inertia of a ball of water (1000 kg/m^3) by its mass to the power 5/3, kg m^2 / kg^(5/3): 0.4 m r^2."""
 BALANCED = "inertias that break the triangle inequality"
 """Beginning of the import note on inertias that MuJoCo has balanced (replaced by their mean)."""
 MOST_INCLUDES = 50
@@ -148,6 +150,7 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
     Raises:
         RobotError: MuJoCo cannot read the text, or the model is no mechanism of finite numbers.
     """
+    spec = None
     try:
         spec = mujoco.MjSpec.from_string(text)
         mesh = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
@@ -168,10 +171,33 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
     except (ValueError, mujoco.FatalError) as error:
         if "balanceinertia" in str(error) and not balance:
             return compiled(text, True, free)
+        if spec is not None:
+            _check_inertias(text)
         said = " ".join(str(error).split())[:200]
         allowed = "allowed is a file that MuJoCo compiles, each moving body with mass and inertia above 0"
         raise RobotError("value", "file", f"got {said!r}, {allowed}") from None
     return _finite(model), balance
+
+
+def _check_inertias(text: str) -> None:
+    """Raise RobotError with a stand-in if a moved body states a mass or an inertia that MuJoCo refuses."""
+    found: list[tuple[str, float, list[float]]] = []
+    for body in mujoco.MjSpec.from_string(text).bodies:
+        if body.joints and body.explicitinertial:
+            xx, yy, zz, xy, xz, yz = body.fullinertia
+            whole = np.diag(body.inertia) if math.isnan(xx) else np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            least = np.linalg.eigvalsh(whole)[0]
+            if min(body.mass, least) <= mujoco.mjMINVAL:
+                found.append((body.name, body.mass, whole[np.triu_indices(3)].tolist()))
+    if not found:
+        return
+    name, mass, tensor = found[0]
+    values = ", ".join(f"{key} {value:g}" for key, value in zip(TENSOR, tensor, strict=True))
+    more = f", and such of {', '.join(other for other, _, _ in found[1:])}" if found[1:] else ""
+    ball = f"ixx, iyy and izz of {BALL * mass ** (5 / 3):.3g}, as of a ball of water of its mass"
+    cure = ball if mass > mujoco.mjMINVAL else "a mass, or a fixed joint"
+    got = f"got mass {mass:g}, {values} of {name!r}{more}, allowed are a mass and a least principal inertia above 0"
+    raise RobotError("value", "inertial", f"{got}; what works instead: a copy in which {name!r} has {cure}")
 
 
 def _finite(model: mujoco.MjModel) -> mujoco.MjModel:

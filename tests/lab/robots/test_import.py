@@ -256,6 +256,8 @@ BAD = {
     "ball": (MJCF.replace("</body></worldbody>", BALL), "hinge"),
     "loop": (MJCF.replace("</mujoco>", LOOP), "loops"),
     "zero inertia": (MJCF.replace('mass=".6"', 'mass="0"'), "inertia above 0"),
+    "inertia without depth": (MJCF.replace('diaginertia=".004 .004 .0005"', 'diaginertia=".004 0 .004"'), "has ixx, iyy and izz of 0.000657,"),
+    "fl_calf of no inertia": (URDF.replace('izz=".0001"', 'izz="0"'), "izz 0 of 'fl_calf', and"),
     "negative mass": (MJCF.replace('mass=".2"', 'mass="-.2"'), "allowed"),
     "doctype": ('<!DOCTYPE a [<!ENTITY b "c">]>' + MJCF, "DOCTYPE"),
     "include outside": (MJCF.replace("<worldbody>", '<include file="../../a.xml"/><worldbody>'), "below"),
