@@ -14,7 +14,7 @@ from surefoot.services.unitree.messages import (
     LowState,
     MotorState,
     check_sum,
-    numbers_of,
+    memory_of,
 )
 
 HOME = (0.0, 0.9, -1.8)  # hip, thigh, calf, rad
@@ -28,7 +28,7 @@ def low_state(tick_ms: int, joints: list[float], gyro: list[float], acc: list[fl
         [254, 239], 255, 0, [0, 0], [0, 0], 0, ImuState([1.0, 0.0, 0.0, 0.0], gyro, acc, [0.0] * 3, 40), motors,
         battery, force, force, tick_ms, [0] * 40, 0, 0.0, 40, 40, 29.0, 1.0, [0] * 4, 0, 0,
     )  # fmt: skip
-    made.crc = check_sum(numbers_of(made))
+    made.crc = check_sum(memory_of(made))
     return made
 
 

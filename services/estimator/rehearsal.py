@@ -44,7 +44,7 @@ def rehearse(config: EstimatorConfig, robot: Robot, modes: tuple[str, ...]) -> N
                 stamp, joints + 1e-3 * walking * np.sin(i + np.arange(joints.size)), every & ~(swinging & walking)
             )
         if walking:
-            feet = feet_in_odom(mount, joints, estimator.pose())
+            feet = feet_in_odom(mount, estimator.seen, estimator.pose())
             slip.update(every, *feet, faults.update(joints, stamp, every, slip.risen(feet[0])))
             odometry_message(estimator.pose(), estimator.initialised)
             for mode in modes:

@@ -20,7 +20,7 @@ from .filter.hypotheses import modes_of
 from .filter.intake import NOW_NS
 from .filter.log import LogInputs, LogRows, new_rows
 from .filter.setting import best_limits, best_noise
-from .health import NO_LEGS, STANDING, Condition, flags, reasons
+from .health import STANDING, Condition, flags, reasons
 from .inputs.clock import bounded
 from .inputs.counters import InputCheck
 from .inputs.external import ExternalSample
@@ -122,6 +122,8 @@ class Estimator:
         self._best = BestFilter(self._geometry, noise, limits, self.check)
         for _, group in self._groups:
             group.reset(stated)
+        self.seen: tuple[Array, Array] = np.zeros((self._feet, 3)), np.zeros((self._feet, 3, 3))
+        """Foot centres from the IMU, IMU axes, (L, 3) m, and rot_imu_from_foot (L, 3, 3), of the last joint angles."""
         self.silent: dict[str, float] = {}
         """Time for which inputs are silent, s, by name, set by the caller: flags and reasons depend on it."""
 
@@ -164,7 +166,8 @@ class Estimator:
         model, q = self._mount.model, _plain(q)
         if model is None or q.shape != model.lower.shape:
             return self._refuse_shape("kinematics", stamp_ns)
-        return self.feet(stamp_ns, *feet_in_imu(self._mount, q), contact)
+        self.seen = feet_in_imu(self._mount, q)
+        return self.feet(stamp_ns, *self.seen, contact)
 
     def feet(self, stamp_ns: int, position: ArrayLike, rot: ArrayLike, contact: ArrayLike | None = None) -> InputResult:
         """Take positions and rotations of the feet, as logs have them; return their result.
@@ -261,7 +264,9 @@ class Estimator:
     @property
     def wrong_legs(self) -> Flags:
         """True for feet of which `best` has found a sensor wrong, (L,)."""
-        legs = NO_LEGS if self.best.quiet else self._best.condition.legs
+        if self.best.quiet:
+            return np.zeros(self._feet, dtype=np.bool_)
+        legs = self._best.condition.legs
         bits = legs.left_out | legs.switches | legs.jumping | legs.still | legs.swapped
         return (bits >> np.arange(self._feet)) & 1 > 0 if bits else np.zeros(self._feet, dtype=np.bool_)
 

@@ -84,7 +84,7 @@ class Stability(Service[StabilityConfig]):
         self._velocity = inputs.get(topics.STATE_VELOCITY) or self._velocity
         if (contacts := inputs.get(topics.HW_CONTACTS)) is not None:
             self._contacts = contacts
-            self._closed = np.array([any(foot) for foot in contacts.touch])
+            self._closed = np.array([True in foot for foot in contacts.touch])
         if self._closed is not None:
             gait = inputs.get(topics.STATE_GAIT)
             planned = None if gait is None or gait.state == "waiting" else np.array(gait.stance)

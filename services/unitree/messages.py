@@ -11,17 +11,20 @@ import cyclonedds.idl as idl
 import numpy as np
 from cyclonedds.idl.annotations import autoid, final
 from cyclonedds.idl.types import array, float32, int16, int32, uint8, uint16, uint32
+from numpy.typing import NDArray
 
 LOW_STATE, SPORT_STATE = "rt/lowstate", "rt/sportmodestate"
 """DDS topics: `LOW_STATE`: sensors of the robot; `SPORT_STATE`: state estimate of the manufacturer's controller."""
 BATTERY_AND_REST = "4BiH4B15H" + "8hI41B3xf2B2x2f4H2I"
 PACKED = "<4B4IH2x" + "13fB3x" + "B3x7fB3x3I" * 20 + BATTERY_AND_REST
 """Format of `struct` for a LowState as it lies in the robot's memory, over which its check sum is computed."""
-SENT, SENT_AS = struct.Struct("<4x4B4IH2x" + "13fB" + "B2x7fB3x3I" + "B3x7fB3x3I" * 19 + BATTERY_AND_REST), b"\0\1"
+SENT, SENT_AS = "<4x4B4IH2x" + "13fB" + "B2x7fB3x3I" + "B3x7fB3x3I" * 19 + BATTERY_AND_REST, b"\0\1"
 """`SENT`: format of `struct` for a LowState as DDS carries it; `SENT_AS`: first two bytes of such a message: XCDR1,
 little-endian."""
-MOTOR_WORDS, MOTORS = 12, 20
-"""`MOTOR_WORDS`: length of one motor's part of the numbers of a LowState; `MOTORS`: number of motors in a LowState."""
+MOTORS = 20
+"""Number of motors in a LowState message; a quadruped has twelve."""
+READ = struct.Struct("<40x3f3f16x" + "4x2f4xf16xI8x" * MOTORS + "44x4h8xI72xI")
+"""Format of the numbers of `Sensors` in the robot's memory."""
 REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 """Table of all 256 bytes with their bits in reverse order, by index."""
 
@@ -154,21 +157,32 @@ class SportModeState(idl.IdlStruct, typename="unitree_go.msg.dds_.SportModeState
     path_point: array[PathPoint, 10]
 
 
-class Numbers(tuple[float, ...]):
-    """All numbers of a LowState message, in the order of its fields."""
+def _carried(layout: str) -> NDArray[np.int64]:
+    """Return the positions of the bytes that are no padding in a format of `struct`."""
+    ones = struct.unpack(layout, b"\1" * struct.calcsize(layout))
+    return np.flatnonzero(np.frombuffer(struct.pack(layout, *ones), np.uint8))
 
 
-class NumbersAsSent:
-    """Fast decoder of LowState messages for a `Topic`: one call in C instead of one in Python for each field."""
+SENT_AT = np.zeros(struct.calcsize(PACKED), dtype=np.int64)
+"""Position of each byte of the robot's memory in a message of DDS; 0, where `SENT_AS` has a zero, for padding."""
+SENT_AT[_carried(PACKED)] = _carried(SENT)
+
+
+class Memory(bytes):
+    """A LowState as it lies in the robot's memory, in the format `PACKED`."""
+
+
+class MemoryAsSent:
+    """Fast decoder of LowState messages for a `Topic`: a few calls in C instead of one in Python for each field."""
 
     deserialize_key = LowState.deserialize_key
 
     @staticmethod
-    def deserialize(data: bytes) -> Numbers:
-        """Return all numbers of a LowState message, in the order of its fields, from the bytes that DDS carries."""
-        if len(data) == SENT.size and data[:2] == SENT_AS:
-            return Numbers(SENT.unpack(data))
-        return numbers_of(LowState.deserialize(data))
+    def deserialize(data: bytes) -> Memory:
+        """Return a LowState message as it lies in the robot's memory, from the bytes that DDS carries."""
+        if len(data) == len(SENT_AT) and data[:2] == SENT_AS:
+            return Memory(np.frombuffer(data, np.uint8)[SENT_AT].tobytes())
+        return memory_of(LowState.deserialize(data))
 
 
 class Sensors(NamedTuple):
@@ -185,21 +199,15 @@ class Sensors(NamedTuple):
     lost: tuple[float, ...]  # (20,)
 
 
-IMU_AT, MOTORS_AT, FEET_AT, TICK_AT = 9, 23, 288, 296
-"""Index of the first number of a part of a LowState message among its numbers; `IMU_AT`: inertial unit; `MOTORS_AT`:
-motors; `FEET_AT`: foot forces; `TICK_AT`: tick."""
+def sensors_of(memory: Memory) -> Sensors:
+    """Return the sensors of a robot from its LowState message."""
+    n = READ.unpack(memory)
+    motors = n[6:-6]
+    return Sensors(n[-2], n[-1], n[:3], n[3:6], n[-6:-2], motors[::4], motors[1::4], motors[2::4], motors[3::4])
 
 
-def sensors_of(n: Numbers) -> Sensors:
-    """Return the sensors of a robot from the numbers of its LowState message."""
-    end = MOTORS_AT + MOTORS * MOTOR_WORDS
-    q, dq, tau, lost = (n[MOTORS_AT + k : end : MOTOR_WORDS] for k in (1, 2, 4, 9))
-    gyro, acc, feet = n[IMU_AT + 4 : IMU_AT + 7], n[IMU_AT + 7 : IMU_AT + 10], n[FEET_AT : FEET_AT + 4]
-    return Sensors(int(n[TICK_AT]), int(n[-1]), gyro, acc, feet, q, dq, tau, lost)
-
-
-def numbers_of(state: LowState) -> Numbers:
-    """Return all numbers of a LowState message, in the order of its fields."""
+def memory_of(state: LowState) -> Memory:
+    """Return a LowState message as it lies in the robot's memory."""
     m, imu, power = state, state.imu_state, state.bms_state
     numbers = [*m.head, m.level_flag, m.frame_reserve, *m.sn, *m.version, m.bandwidth]
     numbers += [*imu.quaternion, *imu.gyroscope, *imu.accelerometer, *imu.rpy, imu.temperature]
@@ -209,11 +217,11 @@ def numbers_of(state: LowState) -> Numbers:
     numbers += [power.version_high, power.version_low, power.status, power.soc, power.current, power.cycle]
     numbers += [*power.bq_ntc, *power.mcu_ntc, *power.cell_vol, *m.foot_force, *m.foot_force_est, m.tick]
     numbers += [*m.wireless_remote, m.bit_flag, m.adc_reel, m.temperature_ntc1, m.temperature_ntc2]
-    return Numbers([*numbers, m.power_v, m.power_a, *m.fan_frequency, m.reserve, m.crc])
+    return Memory(struct.pack(PACKED, *numbers, m.power_v, m.power_a, *m.fan_frequency, m.reserve, m.crc))
 
 
-def check_sum(numbers: Numbers) -> int:
+def check_sum(memory: Memory) -> int:
     """Return the check sum of a LowState: CRC-32/MPEG-2 over all its words but the last."""
-    words = np.frombuffer(struct.pack(PACKED, *numbers)[:-4], dtype="<u4").byteswap().tobytes()
+    words = np.frombuffer(memory[:-4], dtype=">u4").astype("<u4").tobytes()
     reflected = zlib.crc32(words.translate(REVERSED)) ^ 0xFFFFFFFF
-    return int(f"{reflected:032b}"[::-1], 2)
+    return int.from_bytes(reflected.to_bytes(4, "little").translate(REVERSED), "big")

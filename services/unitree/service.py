@@ -1,5 +1,6 @@
 """Unitree's quadrupeds (Go1, Go2, B2) over DDS, beside the manufacturer's controller: `rt/lowstate` in, nothing out."""
 
+from operator import itemgetter
 from typing import Any
 
 from pydantic import Field, ValidationError
@@ -52,8 +53,8 @@ class Unitree(SensedDriver[UnitreeConfig]):
     def open(self) -> None:
         """Open the DDS readers (raises SurefootError: DDS is not installed, or there is no such network interface)."""
         c = self.config
-        self._joints = joint_columns(c.joints, self.robot)
-        self._feet = leg_columns(c.feet, self.robot)
+        self._joints = itemgetter(*joint_columns(c.joints, self.robot))
+        self._feet = itemgetter(*leg_columns(c.feet, self.robot))
         self._now_ms: int | None = None
         self._lost: tuple[float, ...] = ()
         self._maker: Any = None
@@ -68,7 +69,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
             from cyclonedds.sub import DataReader
             from cyclonedds.topic import Topic
 
-            from .messages import LOW_STATE, SPORT_STATE, LowState, NumbersAsSent, SportModeState
+            from .messages import LOW_STATE, SPORT_STATE, LowState, MemoryAsSent, SportModeState
         except ImportError:
             raise SurefootError("not_installed", f"Unitree's robots need DDS: {INSTALL}", "unitree") from None
         net = f'<NetworkInterface name="{c.interface}" presence_required="true"/>'
@@ -78,7 +79,7 @@ class Unitree(SensedDriver[UnitreeConfig]):
             participant = DomainParticipant(c.domain)
             quality = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(MOST))
             low: Any = Topic(participant, LOW_STATE, LowState)
-            low.data_type = NumbersAsSent  # it decodes, too
+            low.data_type = MemoryAsSent  # it decodes, too
             sport = Topic(participant, SPORT_STATE, SportModeState)
             made = [DataReader(participant, low, quality), DataReader(participant, sport, quality)]
         except DDSException as error:
@@ -90,18 +91,18 @@ class Unitree(SensedDriver[UnitreeConfig]):
     def poll(self) -> None:
         """Move the received DDS messages into the intake, which releases their samples tick by tick."""
         for state in self._readers[0].take(N=MOST):
-            if isinstance(state, tuple):  # else: the writer has gone
+            if isinstance(state, bytes):  # else: the writer has gone
                 self.take(state)
         for state in self._readers[1].take(N=MOST):
             if hasattr(state, "position"):
                 self._maker = state
 
-    def take(self, numbers: Any) -> None:
-        """Store the numbers of a LowState message: joints, inertial unit, foot forces."""
+    def take(self, memory: Any) -> None:
+        """Store what a LowState message has, as it lies in the robot's memory: joints, inertial unit, foot forces."""
         from .messages import check_sum, sensors_of
 
-        m = sensors_of(numbers)
-        if self.config.check_crc and (wanted := check_sum(numbers)) != m.crc:
+        m = sensors_of(memory)
+        if self.config.check_crc and (wanted := check_sum(memory)) != m.crc:
             self.intake.refuse("crc", f"rt/lowstate: check sum {m.crc:#x}, wanted is {wanted:#x}")
             return
         stamp = self._time(m.tick) * MS
@@ -109,13 +110,14 @@ class Unitree(SensedDriver[UnitreeConfig]):
         if not any(m.foot_force):
             self.intake.refuse("feet_zero", "rt/lowstate: all foot forces are zero; without them the feet go by height")
         elif self.intake.contact is not None:
-            self.intake.feet(stamp, [m.foot_force[i] for i in self._feet])
+            self.intake.feet(stamp, self._feet(m.foot_force))
         before, self._lost = self._lost or m.lost, m.lost
-        for name, was, now in zip(self.config.joints, before, m.lost, strict=False):
+        changed = zip(self.config.joints, before, m.lost, strict=False) if m.lost != before else ()
+        for name, was, now in changed:
             if now > was:
                 self.intake.refuse("motor_lost", f"rt/lowstate: the motor {name} is lost, {now} answers so far")
                 return
-        self.intake.joints(stamp, *([part[i] for i in self._joints] for part in (m.q, m.dq, m.tau_est)))
+        self.intake.joints(stamp, self._joints(m.q), self._joints(m.dq), self._joints(m.tau_est))
 
     def release(self, tick: int) -> list[DueSample]:
         """Return the samples of a tick, and the manufacturer's state estimate if there is a new one."""

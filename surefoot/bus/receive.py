@@ -37,7 +37,10 @@ class Oversized:
     def drops(self, key: str, sample: zenoh.Sample, most: int) -> bool:
         """Return whether a sample has more than ``most`` bytes; it is counted then, under the key of its row."""
         attachment = sample.attachment
-        size = len(sample.payload) + (0 if attachment is None else len(attachment))
+        return self.exceeds(key, sample, len(sample.payload) + (0 if attachment is None else len(attachment)), most)
+
+    def exceeds(self, key: str, sample: zenoh.Sample, size: int, most: int) -> bool:
+        """Return as `drops` whether a sample, of known size in bytes, has more than ``most``."""
         if size <= most:
             return False
         key = key if key in self._found or len(self._found) < MOST_NAMED else OTHERS
@@ -115,16 +118,14 @@ class Receiving:
             wanted: topics that the reader decodes, by key.
             sink: gets each `Frame`.
         """
-        secret, drops = self._secret, self._oversized.drops
+        secret, exceeds, most = self._secret, self._oversized.exceeds, MAX_FRAME_BYTES + MAX_INDEX_BYTES
 
         def on_sample(sample: zenoh.Sample) -> None:
             keep_thread_state()
-            if drops(key, sample, MAX_FRAME_BYTES + MAX_INDEX_BYTES):
+            payload, index = sample.payload, sample.attachment
+            if exceeds(key, sample, len(payload) + (0 if index is None else len(index)), most):
                 return
-            index = sample.attachment
-            sink(
-                Frame(owner, wanted, sample.payload.to_bytes(), b"" if index is None else index.to_bytes(), secret, key)
-            )
+            sink(Frame(owner, wanted, payload.to_bytes(), b"" if index is None else index.to_bytes(), secret, key))
 
         return on_sample
 

@@ -120,11 +120,15 @@ class Intake:
         self, stamp_ns: int, position: Numbers, velocity: Numbers | None = None, torque: Numbers | None = None
     ) -> None:
         """Add a sample of joint angles (nj,) rad, rates rad/s and torques Nm, in the order of the description."""
-        parts = [None if part is None else tuple(map(float, part)) for part in (position, velocity, torque)]
-        row = tuple(x for part in parts if part is not None for x in part)
-        size = self.robot.nj * sum(part is not None for part in parts)
+        row = angles = tuple(map(float, position))
+        rates = torques = None
+        if velocity is not None:
+            row += (rates := tuple(map(float, velocity)))
+        if torque is not None:
+            row += (torques := tuple(map(float, torque)))
+        size = self.robot.nj * (1 + (rates is not None) + (torques is not None))
         if self._origin is not None and (at := self._place("joints", stamp_ns, row, size)) is not None:
-            self._joints.append(_Joints(at, parts[0] or (), parts[1], parts[2]))
+            self._joints.append(_Joints(at, angles, rates, torques))
 
     def feet(self, stamp_ns: int, values: Numbers) -> None:
         """Add a sample of the feet: raw forces (F,) if there is a `contact` rule, else flags (F,), 1 = contact."""
@@ -181,7 +185,7 @@ class Intake:
         if len(row) != size:
             self.refuse(f"{kind}_shape", f"{kind}: got {len(row)} numbers, wanted are {size}")
             return None
-        if not all(map(math.isfinite, row)):
+        if not math.isfinite(sum(row)) and not all(map(math.isfinite, row)):  # a sum of finite numbers may overflow
             self.refuse(f"{kind}_nonfinite", f"{kind}: got a number that is not finite")
             return None
         if self._origin is None:

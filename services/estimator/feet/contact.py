@@ -159,6 +159,8 @@ def touch_rows(touch: Sequence[Sequence[bool]]) -> NDArray[np.bool_]:
 
     A foot with fewer than S switches gets open ones (False) at the end of its row.
     """
+    if touch and touch[0] and len({len(foot) for foot in touch}) == 1:
+        return np.array(touch, dtype=np.bool_)
     rows = np.zeros((len(touch), max([1, *(len(foot) for foot in touch)])), dtype=np.bool_)
     for row, foot in zip(rows, touch, strict=True):
         row[: len(foot)] = foot

@@ -28,7 +28,7 @@ from surefoot.geometry.rotations import matrix_from_quat, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
 
 from ..output import OdometryPose
-from .mount import FootMount, feet_in_imu
+from .mount import FootMount
 
 Counts = NDArray[np.int64]
 
@@ -61,18 +61,19 @@ class FinishedStance:
     """True if no fault of the leg was found; False: an encoder or switch of the leg was faulty."""
 
 
-def feet_in_odom(mount: FootMount, q: Array, pose: OdometryPose, behind_s: float = 0.0) -> tuple[Array, Array]:
+def feet_in_odom(
+    mount: FootMount, seen: tuple[Array, Array], pose: OdometryPose, behind_s: float = 0.0
+) -> tuple[Array, Array]:
     """Return foot centres in odom, (L, 3) m, and rot_odom_from_foot (L, 3, 3).
 
     Args:
-        mount: kinematic model, and mounting of the IMU in base_link.
-        q: joint angles, (nj,) rad.
+        mount: mounting of the IMU in base_link.
+        seen: foot centres from the IMU, IMU axes, (L, 3) m, and rot_imu_from_foot (L, 3, 3), as of `feet_in_imu`.
         pose: pose and velocity of base_link in odom.
         behind_s: age of the joint angles against the pose, s: the trunk is moved back by its velocity times this age.
     """
-    position, rot = feet_in_imu(mount, q)
     begin = pose.position - behind_s * pose.velocity
-    return _turned(position, rot, pose.quat_wxyz, mount.rot_imu_from_base, mount.imu_position, begin)
+    return _turned(*seen, pose.quat_wxyz, mount.rot_imu_from_base, mount.imu_position, begin)
 
 
 @kernel

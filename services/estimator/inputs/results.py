@@ -30,9 +30,10 @@ class InputResult(StrEnum):
     @property
     def accepted(self) -> bool:
         """True if the sample was accepted and is used, False if it was refused."""
-        return self in (InputResult.OK, InputResult.GAP, InputResult.RESTART, InputResult.STEPPED)
+        return self in _ACCEPTED
 
 
+_ACCEPTED = (InputResult.OK, InputResult.GAP, InputResult.RESTART, InputResult.STEPPED)
 RESULTS = tuple(InputResult)
 """All results of inputs, by their code in kernels; those up to `STEPPED` are accepted, later ones are refusals."""
 OK, GAP, RESTART, STEPPED, NONFINITE, SHAPE, DUPLICATE, BACKWARD, LATE, AHEAD, SATURATED, UNIT, COVARIANCE, FRAME = (

@@ -10,7 +10,7 @@ A round foot rolls: its centre moves by w_foot x (radius * up), which is added t
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -270,8 +270,7 @@ def combine(v: Array, used: Flags, gate: float) -> tuple[Array, Flags, int]:
     return out, slipping, kept
 
 
-@dataclass(frozen=True, eq=False)
-class LegVelocity:
+class LegVelocity(NamedTuple):
     """Mean velocity of the IMU between two samples by the stance feet, those in contact at both, IMU axes.
 
     stamp_ns: end of the interval, ns; v_kg: by kinematics and gyro, (3,) m/s, of feet_kg feet, 0 = no measurement; v_k:

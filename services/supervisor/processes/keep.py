@@ -22,6 +22,7 @@ from .system import SELF
 
 DRIVER_S = 5.0  # s wall, after all services of a system are there one of them must drive
 READY_S = 90.0  # s wall without progress of the start: processor time of its services; the first compiles kernels
+CALM_S = 0.2  # s wall between two looks at a system in which all is well; the end of a process is noticed at once
 MOST_S = 10.0 * READY_S  # s wall, whatever progress there is
 
 
@@ -113,7 +114,7 @@ def keep(
                 session.folder.write_ready(report)
                 ready(report)
                 reported = True
-            session.system.wait(STEP_S)
+            session.system.wait(CALM_S if reported and session.calm() else STEP_S)
 
 
 def _reset(session: Session, order: StartOrder, notify: Callable[[str], None]) -> None:

@@ -277,6 +277,10 @@ class Session:
         self._stops = self._stops or self._bus.publisher(CMD_ESTOP)
         self._stops.put(EmergencyStop(source=SELF, reason=self._stop))
 
+    def calm(self) -> bool:
+        """Return True if every wanted service runs and is healthy, and no emergency stop is to be sent again."""
+        return not self._stop and self.system.settled()
+
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Check the processes until the condition holds; return False if it does not within `timeout_s`."""
         deadline = time.monotonic() + timeout_s

@@ -28,12 +28,12 @@ from surefoot.services.unitree.messages import (
     PACKED,
     SPORT_STATE,
     LowState,
-    NumbersAsSent,
+    MemoryAsSent,
     PathPoint,
     SportModeState,
     TimeSpec,
     check_sum,
-    numbers_of,
+    memory_of,
     sensors_of,
 )
 from surefoot.services.unitree.service import Unitree, UnitreeConfig
@@ -101,7 +101,7 @@ def test_messages_give_the_bits_of_the_bag(tmp_path: Path, first_ms: int) -> Non
     record(bag, ROBOT, tmp_path / "bag.mcap")
     made = Quiet(driver().config)
     start = made.on_start
-    made.on_start = lambda: (start(), [made.take(numbers_of(state)) for state in states(first_ms)])  # type: ignore[method-assign]
+    made.on_start = lambda: (start(), [made.take(memory_of(state)) for state in states(first_ms)])  # type: ignore[method-assign]
     live, recorded = ran(made, tmp_path / "live.mcap"), recorded_columns(tmp_path / "bag.mcap")[0]
     assert not made.intake.refused
     for key in ("published_velocity_imu", "published_position", "published_covariance", "touch", "joints"):
@@ -136,8 +136,8 @@ def test_numbers_of_a_message_in_any_encoding(endianness: Endianness, v2: bool) 
     if v2:
         data[84:88] = states()[0].serialize(endianness=endianness, use_version_2=v2)[84:88]  # size of the motors
     theirs = LowState.deserialize(bytes(data))
-    assert list(NumbersAsSent.deserialize(bytes(data))) == numbers(theirs)
-    m = sensors_of(numbers_of(theirs))
+    assert list(struct.unpack(PACKED, MemoryAsSent.deserialize(bytes(data)))) == numbers(theirs)
+    m = sensors_of(memory_of(theirs))
     for name in ("q", "dq", "tau_est", "lost"):
         assert getattr(m, name) == tuple(getattr(motor, name) for motor in theirs.motor_state)
     assert [*m.gyroscope, *m.accelerometer] == [*theirs.imu_state.gyroscope, *theirs.imu_state.accelerometer]
@@ -147,27 +147,27 @@ def test_numbers_of_a_message_in_any_encoding(endianness: Endianness, v2: bool) 
 def test_bad_messages_are_counted_by_name() -> None:
     made, rows = quiet(), states()
     for state in rows[:5]:
-        made.take(numbers_of(state))
+        made.take(memory_of(state))
     rows[5].imu_state.gyroscope[0] += 0.1
-    made.take(numbers_of(rows[5]))
+    made.take(memory_of(rows[5]))
     for state in rows[6:]:
         state.motor_state[7].lost = 3
     rows[9].foot_force, rows[10].tick = [0] * 4, 5_000_000
     for k in (6, 7, 8, 9, 8, 10):
-        made.take(numbers_of(relabelled(rows[k])))
+        made.take(memory_of(relabelled(rows[k])))
     assert dict(made.intake.refused) == {
         "crc": 1, "motor_lost": 1, "feet_zero": 1, "imu_late": 1, "feet_duplicate": 1, "joints_late": 1, "clock": 1
     }  # fmt: skip
 
 
 def relabelled(state: LowState) -> LowState:
-    state.crc = check_sum(numbers_of(state))
+    state.crc = check_sum(memory_of(state))
     return state
 
 
 def test_a_makers_estimate_that_is_no_number_is_refused() -> None:
     made = quiet()
-    made.take(numbers_of(states()[0]))
+    made.take(memory_of(states()[0]))
     imu = SimpleNamespace(quaternion=[1.0, 0.0, 0.0, 0.0])
     maker = {"position": [0.0] * 3, "velocity": [0.0] * 3, "yaw_speed": 0.0, "imu_state": imu, "gait_type": 1}
     made._maker = SimpleNamespace(**maker)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from surefoot.geometry.rotations import matrix_from_quat, matrix_from_rotvec
 from surefoot.robot import kinematics
 from surefoot.robot.reader import load_robot
-from surefoot.services.estimator.feet.mount import foot_mount
+from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 from surefoot.services.estimator.feet.slip import (
     LONGEST_OPEN,
     OPEN_WEIGHT,
@@ -114,7 +114,8 @@ def test_feet_in_odom_are_those_of_the_description() -> None:
     quat /= np.linalg.norm(quat)
     pose = OdometryPose(rng.standard_normal(3), quat, 0.0, np.array([0.1, 0.2, 0.3]), np.eye(4))
     q = robot.neutral + 0.1 * rng.standard_normal(robot.nj)
-    centres, rots = feet_in_odom(foot_mount(robot), q, pose, 0.01)
+    mount = foot_mount(robot)
+    centres, rots = feet_in_odom(mount, feet_in_imu(mount, q), pose, 0.01)
     rot, pos = kinematics.forward(robot.model, q)
     turn, begin = matrix_from_quat(quat), pose.position - 0.01 * pose.velocity
     np.testing.assert_allclose(
