@@ -7,6 +7,7 @@ import numpy as np
 
 from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
+from surefoot.geometry.rotations import wrap_angle
 from surefoot.robot.damped_legs import damped_ik
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions, forward
@@ -27,9 +28,12 @@ ONE_SIDE, LEAST_DOWN, ALONG = 0.8, 0.3, 0.9
 """`ONE_SIDE`: length of the mean unit vector from second joint to foot above which that vector counts as down;
 `LEAST_DOWN`: its share along -z below which a warning on the axes is given; `ALONG`: share of a joint axis along x, y
 or z above which the axis counts as parallel to it."""
-OUTWARD = 0.35
+OUTWARD = 0.46
 """Level distance from second joint to foot in a generated posture of a leg whose first axis is vertical, as a share of
 the leg length: a foot close to that axis cannot follow a trunk that leans."""
+TURNED = 0.4
+"""Largest angle of the first joint of an insect's leg from the middle of its range, as a share of half of that range,
+in a generated posture of a robot with four legs."""
 TRIES = 64
 """Number of random start postures of the inverse kinematics that searches a standing posture of a leg."""
 MOST_TORQUE = 4.0
@@ -40,7 +44,7 @@ before a step, s. Durations of other robots scale with the square root of the le
 STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
 """Gait of a quadruped as shares of the leg length: `STRIDE`: distance that the trunk travels per gait cycle;
 `MOST_STRIDE`: largest such distance; `CLEARANCE`: step height."""
-SPRAWLED_STRIDE, INSECT_STRIDE = 0.22, 0.3
+SPRAWLED_STRIDE, INSECT_STRIDE = 0.22, 0.36
 """Distance that the trunk travels per gait cycle, as a share of the leg length, on six legs; on four of an insect."""
 NAO_LEG_M = 0.203
 NAO_WAYS = {
@@ -128,15 +132,26 @@ def turns_first(robot: Robot, leg: int) -> bool:
     return abs(float((forward(robot.model, robot.neutral)[0][link] @ robot.links[link].axis)[2])) > ALONG
 
 
-def _outward(robot: Robot, leg: int, pos: Array) -> Array:
-    """Return the level direction in which an insect's leg stands out, (2,), from the places of the links, (n, 3) m.
+def _outward(robot: Robot, leg: int, q: Array) -> Array:
+    """Return the level direction in which an insect's leg stands out, (2,); q: joint angles, (n,) rad.
 
     That is the direction from the first to the second joint; of a robot with four legs that to its corner, so that feet
-    make a square.
+    make a square, or the nearest to it that leaves the first joint most of its range on either side.
     """
-    first, second = (pos[robot.joints[robot.legs[leg].joints[k]].link] for k in (0, 1))
-    way = np.sign(first[:2]) if robot.nlegs == 4 else second[:2] - first[:2]
-    way = way if np.linalg.norm(way) > SAME_M else first[:2]
+    rot, pos = forward(robot.model, q)
+    joint = robot.legs[leg].joints[0]
+    link = robot.joints[joint].link
+    first, arm = pos[link, :2], pos[robot.joints[robot.legs[leg].joints[1]].link, :2] - pos[link, :2]
+    long = np.linalg.norm(arm) > SAME_M
+    way = arm if robot.nlegs != 4 and long else np.sign(first) if robot.nlegs == 4 else first
+    if robot.nlegs == 4 and long:
+        sense = math.copysign(1.0, (rot[link] @ robot.links[link].axis)[2])
+        now, wanted = math.atan2(arm[1], arm[0]), math.atan2(way[1], way[0])
+        lower, upper = robot.joint_lower[joint], robot.joint_upper[joint]
+        middle, most = 0.5 * (lower + upper), 0.5 * TURNED * (upper - lower)
+        turned = np.clip(q[joint] + sense * wrap_angle(wanted - now), middle - most, middle + most)
+        angle = now + sense * (turned - q[joint])
+        way = np.array([math.cos(angle), math.sin(angle)])
     return way / max(float(np.linalg.norm(way)), SAME_M)
 
 
@@ -153,7 +168,7 @@ def _under(robot: Robot, leg: int, length: float) -> Array | None:
     second, third = (robot.joints[j].link for j in joints[1:3])
     _, pos = forward(robot.model, q)
     if turns_first(robot, leg):
-        way, first = _outward(robot, leg, pos), pos[robot.joints[joints[0]].link]
+        way, first = _outward(robot, leg, q), pos[robot.joints[joints[0]].link]
         away = OUTWARD * length + float(np.linalg.norm(pos[second, :2] - first[:2]))
         below = math.sqrt(EXTENSION**2 - OUTWARD**2) * length
         target = np.array([*(first[:2] + away * way), pos[second, 2] - below])

@@ -21,9 +21,7 @@ PACKED = "<4B4IH2x" + "13fB3x" + "B3x7fB3x3I" * 20 + BATTERY_AND_REST
 SENT, SENT_AS = "<4x4B4IH2x" + "13fB" + "B2x7fB3x3I" + "B3x7fB3x3I" * 19 + BATTERY_AND_REST, b"\0\1"
 """`SENT`: format of `struct` for a LowState as DDS carries it; `SENT_AS`: first two bytes of such a message: XCDR1,
 little-endian."""
-MOTORS = 20
-"""Number of motors in a LowState message; a quadruped has twelve."""
-READ = struct.Struct("<40x3f3f16x" + "4x2f4xf16xI8x" * MOTORS + "44x4h8xI72xI")
+READ = struct.Struct("<40x3f3f16x" + "4x2f4xf16xI8x" * 20 + "44x4h8xI72xI")
 """Format of the numbers of `Sensors` in the robot's memory."""
 REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 """Table of all 256 bytes with their bits in reverse order, by index."""

@@ -60,15 +60,19 @@ def biped(last="foot", order=(("r", -0.08), ("l", 0.08))):
     return f'<robot name="two">{text}</robot>'
 
 
-def crab():
-    """Four legs that turn about the vertical, then pitch twice; the hips make a long rectangle."""
+def crab(coxa=0.06, yaw=None):
+    """Four legs that turn about the vertical, then pitch twice; the hips make a long rectangle.
+
+    `coxa`: distance of the first two axes, m; `yaw`: direction of a left leg at the middle of its range, rad.
+    """
     text = link("torso", 6.0, (0.5, 0.3, 0.1))
     for n, x, y in (("lf", 0.22, 0.1), ("rf", 0.22, -0.1), ("lh", -0.22, 0.1), ("rh", -0.22, -0.1)):
+        turned = math.atan2(y, x) if yaw is None else math.copysign(yaw, y)
         ball = '<sphere radius=".015"/>'
         text += link(f"{n}_coxa", 0.3, (0.06, 0.04, 0.04)) + link(f"{n}_femur", 0.5, (0.16, 0.03, 0.03))
         text += link(f"{n}_tibia", 0.25, (0.2, 0.02, 0.02)) + link(f"{n}_tip", 0.03, (0.03, 0.03, 0.03), shape=ball)
-        text += joint(f"{n}_1", "torso", f"{n}_coxa", f"{x} {y} 0", "0 0 1", (-0.9, 0.9), math.atan2(y, x))
-        text += joint(f"{n}_2", f"{n}_coxa", f"{n}_femur", ".06 0 0", "0 1 0", (-1.5, 1.5))
+        text += joint(f"{n}_1", "torso", f"{n}_coxa", f"{x} {y} 0", "0 0 1", (-0.9, 0.9), turned)
+        text += joint(f"{n}_2", f"{n}_coxa", f"{n}_femur", f"{coxa} 0 0", "0 1 0", (-1.5, 1.5))
         text += joint(f"{n}_3", f"{n}_femur", f"{n}_tibia", ".16 0 0", "0 1 0", (0.0, 2.6))
         text += (
             f'<joint name="{n}_4" type="fixed"><parent link="{n}_tibia"/><child link="{n}_tip"/>'
@@ -141,6 +145,15 @@ def test_a_leg_that_turns_first_stands_outside_of_its_axis_and_crawls(bring_in):
     outs = p.obey(MotionCommand("walk", distance=0.3))
     assert p.walker.state.body[0] == pytest.approx(0.3, abs=0.01)
     assert max(out.unreachable for out in outs) == 0
+
+
+@pytest.mark.parametrize("more", [{}, {"coxa": 0.02}, {"yaw": 0.5 * math.pi}], ids=["usual", "short coxa", "sideways"])
+def test_a_crab_keeps_its_pace_whatever_its_legs_are_like(bring_in, more):
+    _, robot = bring_in(crab(**more))
+    p = Plant(LeggedWalker(robot))
+    outs = p.obey(MotionCommand("walk", distance=1.0))
+    assert p.walker.state.body[0] == pytest.approx(1.0, abs=0.01)
+    assert len(outs) < 5500
 
 
 def test_a_biped_of_three_joints_a_leg_is_imported_without_a_gait(bring_in):
