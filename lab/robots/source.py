@@ -171,7 +171,7 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
     except (ValueError, mujoco.FatalError) as error:
         if "balanceinertia" in str(error) and not balance:
             return compiled(text, True, free)
-        if spec is not None:
+        if spec is not None and "inertia" in str(error):
             _check_inertias(text)
         said = " ".join(str(error).split())[:200]
         allowed = "allowed is a file that MuJoCo compiles, each moving body with mass and inertia above 0"

@@ -30,7 +30,8 @@ ONE_SIDE, LEAST_DOWN, ALONG = 0.8, 0.3, 0.9
 or z above which the axis counts as parallel to it."""
 OUTWARD = 0.46
 """Level distance from second joint to foot in a generated posture of a leg whose first axis is vertical, as a share of
-the leg length: a foot close to that axis cannot follow a trunk that leans."""
+the leg length: a foot close to that axis cannot follow a trunk that leans. Of crabs with six kinds of legs none walks
+worse with it than with 0.35 or 0.42."""
 TURNED = 0.4
 """Largest angle of the first joint of an insect's leg from the middle of its range, as a share of half of that range,
 in a generated posture of a robot with four legs."""
@@ -44,7 +45,7 @@ before a step, s. Durations of other robots scale with the square root of the le
 STRIDE, MOST_STRIDE, CLEARANCE = 0.45, 0.55, 0.12
 """Gait of a quadruped as shares of the leg length: `STRIDE`: distance that the trunk travels per gait cycle;
 `MOST_STRIDE`: largest such distance; `CLEARANCE`: step height."""
-SPRAWLED_STRIDE, INSECT_STRIDE = 0.22, 0.36
+SPRAWLED_STRIDE, INSECT_STRIDE = 0.22, 0.3
 """Distance that the trunk travels per gait cycle, as a share of the leg length, on six legs; on four of an insect."""
 NAO_LEG_M = 0.203
 NAO_WAYS = {

@@ -143,7 +143,7 @@ class Intake:
         while self._imu and self._imu[0][0] <= end:
             rows.append(self._imu.popleft())
         if rows:
-            mean = [math.fsum(row[i] for _, row in rows) / len(rows) for i in range(6)]
+            mean = [math.fsum(part) / len(rows) for part in zip(*(row for _, row in rows), strict=True)]
             gyro, acc = (mean[0], mean[1], mean[2]), (mean[3], mean[4], mean[5])
             self._up.append(acc)
             out.append(DueSample(HW_IMU, Imu(acc=acc, gyro=gyro), rows[-1][0], tick))
@@ -173,7 +173,7 @@ class Intake:
         self._force = (None,) * self.robot.nlegs
         if not self._up:
             return
-        acc = [math.fsum(row[i] for row in self._up) for i in range(3)]
+        acc = [math.fsum(part) for part in zip(*self._up, strict=True)]
         up = [math.fsum(row[i] * acc[i] for i in range(3)) for row in self._rot]
         length = math.sqrt(math.fsum(x * x for x in up)) or 1.0
         feet = foot_positions(self.robot.model, np.array(joints.position)).tolist()
