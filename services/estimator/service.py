@@ -92,7 +92,7 @@ class EstimatorService(Service[EstimatorConfig]):
         self._log("kinematics", result)
         behind_s = 1e-9 * (e.stamp_ns - joints.stamp_ns)
         if result is InputResult.OK and e.initialised and -topics.TICK_S < behind_s < LATE_JOINTS_S:
-            feet, closed = feet_in_odom(self._mount, e.seen, e.pose(), behind_s), touch.any(axis=1)
+            feet, closed = feet_in_odom(self._mount, e.seen, e.pose(), behind_s), np.asarray(touch.any(axis=1))
             faulty = self._faults.update(q, joints.stamp_ns, closed, self._slip.risen(feet[0]))
             self._stances += self._slip.update(closed, *feet, faulty | e.wrong_legs)
 
