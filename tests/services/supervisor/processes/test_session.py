@@ -149,6 +149,7 @@ def test_a_stop_outlives_its_driver(listen, order):
         lives(session, "2", True, "a", "driver")
         session.step()
         assert session._stop == "test"
+        assert not session.calm()
         session.supervisor.status = stopped.model_copy()  # of the new driver
         session.step()
         assert session._stop == ""
