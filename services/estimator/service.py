@@ -52,7 +52,7 @@ class EstimatorService(Service[EstimatorConfig]):
         self._stances: list[FinishedStance] = []
 
     def rehearse(self) -> None:
-        rehearse(self.config, load_robot(self.config.robot), (self.config.mode, *VARIANTS))
+        rehearse(self.config, load_robot(self.config.robot), (self.config.mode, *self.config.modes))
 
     def rehearse_rare(self) -> None:
         rehearse_log(self.config, load_robot(self.config.robot))
@@ -81,8 +81,8 @@ class EstimatorService(Service[EstimatorConfig]):
         if topics.STATE_ODOMETRY.due(inputs.number):
             self.publish(topics.STATE_ODOMETRY, odometry_message(e.pose(), e.initialised, self._stances), e.stamp_ns)
             self._stances = []
-        for name, topic in VARIANTS.items():
-            if topic.due(inputs.number):
+        for name in self.config.modes:
+            if (topic := VARIANTS[name]).due(inputs.number):
                 self.publish(topic, velocity_message(e.estimate(name)), e.stamp_ns)
 
     def _kinematics(self, joints: JointState, contacts: FootContacts) -> None:

@@ -87,6 +87,24 @@ def test_publishes_what_it_owes(service, desk):
     assert pose.yaw == pytest.approx(0.2, abs=5e-3)
 
 
+def test_best_alone_publishes_the_same_of_itself(service, desk):
+    """Without the paper's estimators beside it, it costs a quarter less and gives the same numbers."""
+    lone, other = SERVICE(EstimatorConfig(start_x=0.5, start_yaw=0.2, beside=False)), Desk()
+    lone.attach(other)
+    lone.on_start()
+    lone.on_reset()
+    stand(service, 100)
+    stand(lone, 100)
+    assert {key for key, _ in other.sent} == {STATE_VELOCITY.key, STATE_ODOMETRY.key}
+    for key in (STATE_VELOCITY.key, STATE_ODOMETRY.key):
+        assert other.of(key) == desk.of(key)
+
+
+def test_another_mode_than_best_needs_the_estimators_beside_it():
+    with pytest.raises(ValueError, match="mode: got 'ekf', allowed is 'best' where `beside` is false"):
+        EstimatorConfig(mode="ekf", beside=False)
+
+
 def test_a_missing_input_is_no_crash(service, desk):
     stand(service, 60)
     service.on_tick(tick(61))
