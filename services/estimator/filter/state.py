@@ -32,7 +32,7 @@ from .noise import FIXED, BestNoise
 
 
 class Felt(NamedTuple):
-    """What shocks and jerk of the trunk, and the end of a rest, add to the noise of one inertial sample."""
+    """Noise that shocks and jerk of the trunk, and the end of a rest, add to that of one inertial sample."""
 
     gyro: float  # variance added to a gyro sample about level axes, (rad/s)^2
     turn: float  # variance added to a gyro sample about the vertical, (rad/s)^2
