@@ -18,7 +18,7 @@ from surefoot.lab.studies import Line
 from surefoot.robot.description import Robot
 from surefoot.schemas.footholds import LegFoothold, LegRequest, StanceOutcome
 from surefoot.services.estimator.feet.faulty import leg_faults
-from surefoot.services.estimator.feet.mount import foot_mount
+from surefoot.services.estimator.feet.mount import feet_in_imu, foot_mount
 from surefoot.services.estimator.feet.slip import FinishedStance, StanceSlip, feet_in_odom
 from surefoot.services.footholds.ground import FootholdGround
 from surefoot.services.footholds.learning.fit import Candidate, LearnOptions, learn
@@ -97,7 +97,7 @@ class SlipFollower:
         if self.spoil is not None:
             self.spoil(angles, touch, world.tick)
         behind_s = 1e-9 * (estimator.stamp_ns - joints.stamp_ns)
-        feet = feet_in_odom(self.mount, angles, estimator.pose(), behind_s)
+        feet = feet_in_odom(self.mount, feet_in_imu(self.mount, angles), estimator.pose(), behind_s)
         faulty = self.faults.update(angles, joints.stamp_ns, touch, self.meter.risen(feet[0]))
         self._rows.append(self._total.copy())
         self._ticks.append(len(self._trail) - 1)
