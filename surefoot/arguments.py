@@ -67,6 +67,14 @@ def array(
     return found
 
 
+def shape_of(given: Any) -> tuple[int, ...]:
+    """Return the shape of an argument before its check; one of rows of unequal lengths counts as (0,)."""
+    try:
+        return np.shape(given)
+    except ValueError:
+        return (0,)
+
+
 def number(
     value: Any, field: str, unit: str = "", *, low: float = -math.inf, high: float = math.inf, inf: bool = False
 ) -> float:

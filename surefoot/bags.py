@@ -6,6 +6,7 @@ bags.arrays("run.mcap")["gyro"]
 
 from collections.abc import Iterator
 from os import PathLike
+from os.path import isfile
 from typing import Any
 
 from surefoot.arguments import file_path, instance
@@ -52,7 +53,7 @@ def info(path: str | PathLike[str]) -> dict[str, Any]:
 
 def check(path: str | PathLike[str]) -> Findings:
     """Return which parts of a possibly damaged recording can be read (raises SurefootError: it is no recording)."""
-    if not file_path(path, "path").is_file():
+    if not isfile(file_path(path, "path")):
         raise SurefootError("unreadable", f"{path}: no such file", "path")
     return verify_recording(file_path(path, "path"))
 

@@ -12,12 +12,12 @@ start a process again that ends with it before it was ever healthy."""
 
 
 class SurefootError(Exception):
-    """Base of all errors that the library reports to users; ``str()`` is one sentence."""
+    """Base of all errors that the library reports to users; ``str()`` is one sentence, on one line."""
 
     def __init__(self, code: str, message: str, field: str | None = None) -> None:
-        super().__init__(message)
+        self.message = printable(message)
+        super().__init__(self.message)
         self.code = code
-        self.message = message
         self.field = field
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -49,7 +49,7 @@ class FieldError(SurefootError, ValueError):
 
     def __init__(self, code: str, field: str, message: str) -> None:
         super().__init__(code, f"{field}: {message}", field)
-        self.message = message
+        self.message = printable(message)
 
 
 class InvalidField(FieldError):
@@ -73,6 +73,13 @@ class ConfigError(SurefootError):
 
 class BusError(SurefootError):
     """Error of a bus that cannot be opened or used: busy port, no router, closed session."""
+
+
+def printable(text: str) -> str:
+    """Return a text with what no terminal shows, as a line's end or a byte of a file's name, in Python's escapes."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def shown(value: Any) -> str:

@@ -3,9 +3,11 @@
 import os
 import stat
 import sys
+from os.path import isfile
 from pathlib import Path
 
 from surefoot.disk import PACKAGE, regular_size
+from surefoot.errors import printable
 from surefoot.nearest import did_you_mean
 from surefoot.tables import TableError
 
@@ -26,7 +28,7 @@ class FileError(TableError):
         self.file = file
 
     def __str__(self) -> str:
-        return ": ".join(part for part in (self.file, self.field, self.message) if part and part != "file")
+        return ": ".join(part for part in (printable(self.file), self.field, self.message) if part and part != "file")
 
 
 def read_text(path: Path, error: type[FileError]) -> str:
@@ -86,7 +88,7 @@ def find(kind: str, name: str, suffix: str, error: type[FileError]) -> Path:
     if path.suffix == suffix or len(path.parts) > 1:
         return path
     for folder in folders(kind):
-        if (folder / f"{name}{suffix}").is_file():
+        if isfile(folder / f"{name}{suffix}"):
             return folder / f"{name}{suffix}"
     known = names(kind, suffix)
     hint = did_you_mean(name, known)

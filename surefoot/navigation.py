@@ -16,7 +16,7 @@ from os import PathLike
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import array, file_path, instance, number
+from surefoot.arguments import array, file_path, instance, number, shape_of
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.geometry.heightmap import HeightMap
@@ -146,7 +146,7 @@ def grid(
     if not np.array_equal(cells, np.rint(cells)) or cells.max(initial=0.0) == 1.0:
         most = f"got values up to {cells.max():g}"
         raise FieldError("range", "source", f"{most}, expected -1 = unknown and whole percents, 100 = occupied")
-    turned = np.asarray(origin, dtype=object).shape == (3,)
+    turned = shape_of(origin) == (3,)
     x, y = array(origin[:2] if turned else origin, "origin", (2,), "m", low=-FAR, high=FAR).tolist()
     yaw = number(origin[2], "origin", "rad", low=-MOST_TURNED, high=MOST_TURNED) if turned else 0.0
     edge = number(cell, "cell", "m", low=FINEST, high=LARGEST_CELL)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from surefoot.arguments import array, instance, number, whole
+from surefoot.arguments import array, instance, number, shape_of, whole
 from surefoot.arrays import Array
 from surefoot.errors import FieldError
 from surefoot.schemas.stability import MAX_CONTACTS
@@ -50,7 +50,7 @@ def contacts(points: ArrayLike, normals: ArrayLike | None = None, friction: Arra
     n = len(p)
     _together(p, "points")
     up = np.tile([0.0, 0.0, 1.0], (n, 1)) if normals is None else array(normals, "normals", (n, 3))
-    one = _shape(friction) == ()
+    one = shape_of(friction) == ()
     mu = array(friction, "friction", () if one else (n,), low=0.0, high=MAX_MU, inf=True)
     return contact_set(p, up, mu)
 
@@ -146,7 +146,7 @@ def forces(contacts: ContactSet, com: ArrayLike, weight: float = 1.0) -> Array |
 
 
 def _place(com: ArrayLike, contacts: ContactSet) -> Array:
-    flat = _shape(com)[-1:] == (2,)
+    flat = shape_of(com)[-1:] == (2,)
     place = array(com, "com", (2,) if flat else (3,), "m", low=-1e6, high=1e6)[:2].copy()
     if len(contacts):
         away = float(np.hypot(*(contacts.position[:, :2] - place).T).min())
@@ -154,14 +154,6 @@ def _place(com: ArrayLike, contacts: ContactSet) -> Array:
             text = f"got a place {away:g} m from the nearest contact, allowed are {WIDEST:g} m; is it in millimetres?"
             raise FieldError("range", "com", text)
     return place
-
-
-def _shape(given: ArrayLike) -> tuple[int, ...]:
-    """Return the shape of an argument before its check; one of rows of unequal lengths counts as (0,)."""
-    try:
-        return np.shape(given)
-    except ValueError:
-        return (0,)
 
 
 def _checked(given: ContactSet, field: str = "contacts") -> ContactSet:
@@ -174,7 +166,7 @@ def _checked(given: ContactSet, field: str = "contacts") -> ContactSet:
     p = array(given.position, f"{field}.position", (n, 3), "m", low=-MAX_COORDINATE, high=MAX_COORDINATE)
     _together(p, f"{field}.position")
     v = array(given.normal, f"{field}.normal", (n, 3))
-    for i in np.flatnonzero(np.abs((v * v).sum(axis=1) - 1.0) > UNIT):
+    for i in np.flatnonzero(np.abs(np.square(v.clip(-2.0, 2.0)).sum(axis=1) - 1.0) > UNIT):
         text = f"got {v[i].tolist()}, expected a unit normal; `stability.contacts` takes any length"
         raise FieldError("not_unit", f"{field}.normal", text)
     return ContactSet(p, v, mu)

@@ -32,6 +32,9 @@ LARGEST_FOOT, LARGEST_CELL, LONGEST_STROKE = 0.5, 0.5, 2.0
 """`LARGEST_FOOT`: largest radius of a foot, m; `LARGEST_CELL`: largest edge of a cell, m; `LONGEST_STROKE`: largest
 component of a foot's stroke, m; larger ones are refused."""
 
+RESERVED = ("z", "cell", "origin", "version", "frame", "file", "allow_pickle")
+"""Names that `save` refuses for extras: those of the map's arrays, and of arguments of numpy."""
+
 
 def slip_model(source: str | PathLike[str] = "ragno") -> LearnedModel:
     """Return a learned model of how far feet slip, by the name of its robot or the path of its file.
@@ -114,14 +117,21 @@ def save(heightmap: HeightMap, path: str | PathLike[str], **extra: str | int | f
         extra: how the map came to be, such as kind and seed; kept in both files.
 
     Raises:
-        FieldError: no height map, no path, one that cannot be written, or an extra that is no text or number.
+        FieldError: no height map, no path, one that cannot be written, or an extra that is no text or number, or has
+            the name of an array of the map.
     """
     instance(heightmap, "heightmap", HeightMap, "a height map")
     target = file_path(path, "path")
+    if not target.name:
+        raise FieldError("unwritable", "path", f"got {shown(str(path))}, expected the name of a file")
     given: dict[str, Any] = dict(extra)
     for name, value in given.items():
+        if name in RESERVED:
+            raise FieldError("reserved", name, f"got {shown(value)}, a name of the map's own: {', '.join(RESERVED)}")
         if not isinstance(value, str | int | float):
             raise FieldError("type", name, f"got {shown(value)}, expected text or a number")
+        if isinstance(value, int) and not isinstance(value, bool):
+            whole(value, name)
     try:
         return save_npz(heightmap, target, **extra)
     except OSError as error:

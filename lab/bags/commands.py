@@ -21,6 +21,7 @@ from ..cli.output import (
     write_table,
 )
 from ..cli.progress import Progress
+from .formats import ENDINGS, check_format, check_out
 
 if TYPE_CHECKING:
     from .raw import RawLog
@@ -34,9 +35,7 @@ OFF_SHARE = 0.6
 
 def _formats(incomplete: str) -> list[str]:
     """Return the names of export formats that begin with `incomplete`, for shell completion."""
-    from .exporting import FORMATS
-
-    return beginning(FORMATS, incomplete)
+    return beginning(ENDINGS, incomplete)
 
 
 @bag.command("import")
@@ -159,15 +158,15 @@ def export_recording(
 ) -> None:
     """Write a recording in a format of other programs."""
     use_json(json)
-    if out is not None:
-        refuse_unreachable(out, makes_folders=True)
+    check_format(to)
+    target = out or file.with_name(f"{file.stem}{ENDINGS[to]}")
+    check_out(to, target)
+    refuse_unreachable(target, makes_folders=True)
     with Progress(f"{file.name} to {to}", reads=[file]) as progress:
         from surefoot.record.recording import open_readable
 
-        from .exporting import SUFFIXES, check_out, export
+        from .exporting import export
 
-        target = out or file.with_name(f"{file.stem}{SUFFIXES.get(to, '') or '-bag'}")
-        check_out(to, target)
         recording = open_readable(file)
         path = export(recording, to, target, robot, progress.at)
     for note in recording.notes:

@@ -20,12 +20,12 @@ from surefoot.bus.ros_messages import (
 )
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import matrix_from_quat
-from surefoot.nearest import did_you_mean
 from surefoot.record.columns import Columns, recorded_columns
 from surefoot.record.recording import ReadableRecording, open_readable
 from surefoot.record.robots import robot_for
 from surefoot.robot.description import Robot
 
+from .formats import check_out
 from .foxglove import write_foxglove
 
 TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_contacts", "odometry": "/odom", "tf": "/tf"}
@@ -35,15 +35,6 @@ VERSION = 9
 FRAMES = ("odom", "base_link")
 Share = Callable[[float], None]
 """Progress function, called with the finished share of the work, 0 to 1."""
-
-
-def check_out(kind: str, out: Path) -> None:
-    """Raise SurefootError if a format `kind` is no key of `FORMATS`, or if the file or folder `out` exists."""
-    if kind not in FORMATS:
-        hint = did_you_mean(kind, FORMATS)
-        raise SurefootError("invalid", f"got {kind!r}{hint}, allowed are {', '.join(FORMATS)}", "to")
-    if out.exists():
-        raise SurefootError("invalid", f"{out} exists; allowed is a new path (--out)", "out")
 
 
 def export(
@@ -197,5 +188,4 @@ def _rosbag2(recording: ReadableRecording, out: Path, robot: Robot, progress: Sh
 FORMATS: dict[str, Callable[[ReadableRecording, Path, Robot, Share], None]] = {
     "rosbag2": _rosbag2, "csv": _csv, "parquet": _parquet, "tum": _tum, "foxglove": write_foxglove,
 }  # fmt: skip
-"""Export functions by the name of their format."""
-SUFFIXES = {"rosbag2": "", "csv": ".csv", "parquet": ".parquet", "tum": ".tum", "foxglove": "-foxglove.mcap"}
+"""Export functions by the name of their format, as in `formats.ENDINGS`."""

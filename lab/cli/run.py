@@ -60,7 +60,7 @@ def run(
     from surefoot.services.supervisor.processes.startable import system_of
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
 
-    from ..runs.live import Options, conduct
+    from ..runs.live import Options, conduct, new_folder
     from .before import check_system
     from .warming import warm_if_cold
 
@@ -77,6 +77,8 @@ def run(
     refuse_in_use(endpoint)
     check_system(compose, loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, endpoint, notify)
+    out = out or new_folder(loaded.name, loaded.seed if seed is None else seed)
+    line.recording = out / "run.mcap" if record else None
     options = Options(seed, record, rtf, strict, listen, out)
     with viewer(endpoint, namespace_of(compose.robot), compose.robot, wanted=view), line:
         outcome = conduct(loaded, compose, options, line.notify, line.show)
@@ -151,10 +153,16 @@ def _show(outcome: "RunOutcome", *, json: bool) -> None:
 
 
 class _ProgressLine:
-    """Progress display of a scenario run: one line that is rewritten on a terminal, a few lines in a file or pipe."""
+    """Progress display of a scenario run: one line that is rewritten on a terminal, a few lines in a file or pipe.
+
+    Attributes:
+        recording: recording that the run writes; None = none.
+    """
+
+    recording: Path | None = None
 
     def __init__(self, name: str, *, quiet: bool) -> None:
-        self._name, self._quiet, self._progress = name, quiet, None
+        self._name, self._quiet, self._progress, self._begun = name, quiet, None, False
         self._rewrites = sys.stderr.isatty() and not quiet
 
     def __enter__(self) -> "_ProgressLine":
@@ -164,7 +172,17 @@ class _ProgressLine:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._rewrite()
         if kind is not None and issubclass(kind, KeyboardInterrupt):
-            notify(f"{self._name}: interrupted before the run began; nothing was recorded")
+            notify(f"{self._name}: interrupted before {self._left}")
+
+    @property
+    def _left(self) -> str:
+        """Return what an interrupt left out, and what is kept."""
+        if not self._begun:
+            return "the run began; nothing was recorded"
+        if self.recording is None or not self.recording.exists():
+            return "its report was written; nothing was recorded"
+        kept = near(self.recording)
+        return f"its report was written; {kept} is kept, `surefoot report {quote(kept)}` makes the report"
 
     def notify(self, text: str) -> None:
         """Show a notice of the system, on a terminal in place of the progress line."""
@@ -174,6 +192,7 @@ class _ProgressLine:
 
     def show(self, progress: "RunProgress") -> None:
         """Show the progress of the scenario run, on a terminal in place of the last progress line."""
+        self._begun = True
         self._rewrite(f"{progress.time:.2f} s simulated of at most {progress.most:g} s, {progress.rtf:.1f}x real time")
         if not self._rewrites and not self._quiet:
             self._progress = self._progress or Progress(self._name)  # begun now: the start is no share of the run

@@ -90,9 +90,11 @@ class Row:
 
     @property
     def limit_text(self) -> str:
-        """Limits of the metric as text: `>= 0.1, <= 2`."""
+        """Limits of the metric as text, `>= 0.1, <= 2`; `none` without one."""
+        if not self.limits:
+            return "none"
         if self.name == "fell":
-            return "no" if self.limits else ""
+            return "no"
         return ", ".join(f"{'>=' if side == 'least' else '<='} {limit:g}" for side, limit in self.limits)
 
 

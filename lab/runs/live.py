@@ -146,7 +146,7 @@ def conduct(
     """
     began = time.monotonic()
     seed = scenario.seed if options.seed is None else options.seed
-    out = _writable(options.out or _new_folder(scenario.name, seed))
+    out = _writable(options.out or new_folder(scenario.name, seed))
     recording = (out / "run.mcap").resolve() if options.record else None
     request, about = _reset(scenario, options, seed), _about(scenario, compose, options, seed)
     director = Director(scenario)
@@ -322,7 +322,8 @@ def _writable(folder: Path) -> Path:
     return folder
 
 
-def _new_folder(scenario: str, seed: int) -> Path:
+def new_folder(scenario: str, seed: int) -> Path:
+    """Return the path of a folder under `runs/` that is not there yet, for recording and report of a run."""
     stem = Path("runs") / f"{scenario}-seed{seed}-{datetime.now():%Y%m%d-%H%M%S}"
     folder, number = stem, 1
     while folder.exists():

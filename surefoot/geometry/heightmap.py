@@ -27,8 +27,9 @@ SMALLEST_CELL, WIDEST_CELL = 1e-6, 1e3
 MAX_CELLS = 16_000_000
 """Largest allowed number of cells of a map (4000 x 4000, 64 MB); a larger map is refused."""
 
-LARGEST_PATCH = 3999
-"""Largest number of cells along an edge of a patch of a map, which is odd; a larger patch is refused."""
+LARGEST_PATCH, WIDEST_BALL = 3999, 500
+"""`LARGEST_PATCH`: largest number of cells along an edge of a patch of a map, which is odd; `WIDEST_BALL`: largest
+radius of a sphere on the ground, cells; larger ones are refused."""
 
 Interpolation = Literal["bilinear", "nearest"]
 """Ways by which a height between the centres of cells is computed."""
@@ -155,7 +156,12 @@ class HeightMap:
             HeightMapError: row or col is no whole number.
         """
         self._check_cell(row, col)
-        return (self.origin[0] + col * self.cell, self.origin[1] + row * self.cell)
+        try:
+            return (self.origin[0] + col * self.cell, self.origin[1] + row * self.cell)
+        except OverflowError:
+            self._argument(whole, row, "row")
+            self._argument(whole, col, "col")
+            raise
 
     def _check_cell(self, row: int, col: int) -> None:
         if type(row) is not int or type(col) is not int:  # these two need no check, and most are such
@@ -245,12 +251,12 @@ class HeightMap:
         out; a cell is NaN when it is itself unknown.
 
         Args:
-            radius: of the sphere, m.
+            radius: of the sphere, m, at most 500 cells.
 
         Raises:
-            HeightMapError: the radius is negative or not finite.
+            HeightMapError: the radius is negative, not finite or longer.
         """
-        radius = self._argument(number, radius, "radius", "m", low=0.0)
+        radius = self._argument(number, radius, "radius", "m", low=0.0, high=WIDEST_BALL * self.cell)
         out = np.empty_like(self.z)
         self.dilate_part(radius, out, *self._whole)
         return self.derived(out)

@@ -260,3 +260,48 @@ def test_a_noise_below_zero_is_refused_before_the_log_is_read() -> None:
     with pytest.raises(FieldError, match=r"sigma_w.*-1.*0") as caught:
         surefoot.estimation.run("nothing.npz", sigma_w=-1.0)
     assert caught.value.field == "sigma_w"
+
+
+SAVED = surefoot.terrain.generate("flat")
+RAGGED = [np.zeros((2, 2)), np.zeros((2, 3))]
+LONG = "r" * 5000
+ODD: list[tuple[Callable[[], object], str, str]] = [
+    (lambda: surefoot.terrain.save(SAVED, "/"), "path", "'/'"),
+    (lambda: surefoot.terrain.save(SAVED, "."), "path", "'.'"),
+    (lambda: surefoot.terrain.save(SAVED, "m", seed=2**64), "seed", str(2**64)),
+    (lambda: surefoot.terrain.save(SAVED, "m", file="a"), "file", "'a'"),
+    (lambda: surefoot.terrain.save(SAVED, "m", origin="lab"), "origin", "'lab'"),
+    (lambda: SAVED.centre(10**400, 0), "row", "1000"),
+    (lambda: SAVED.centre(0, -(10**400)), "col", "-1000"),
+    (lambda: SAVED.dilated(1e300), "radius", "1e+300"),
+    (lambda: SAVED.dilated(4096.0), "radius", "4096"),
+    (lambda: surefoot.navigation.grid(np.zeros((9, 9)), origin=RAGGED), "origin", "numbers"),  # type: ignore[arg-type]
+    (lambda: surefoot.terrain.load("a\nb.npz"), "path", "a\\nb.npz"),
+    (lambda: surefoot.bags.info("a\udc80\x1b[2J.mcap"), "", "a\\udc80\\x1b[2J.mcap"),
+    (lambda: surefoot.bags.check(LONG), "path", "no such file"),
+    (lambda: surefoot.simulation.run(LONG), "", "no scenario is named"),
+    (lambda: surefoot.terrain.slip_model(LONG), "", "cannot be read"),
+]
+
+
+@pytest.mark.parametrize(("call", "field", "text"), ODD, ids=[f"odd-{i}" for i in range(len(ODD))])
+def test_odd_values_that_had_raised_other_errors_are_refused_in_one_line(
+    call: Callable[[], object], field: str, text: str
+) -> None:
+    with pytest.raises(SurefootError) as refused:
+        call()
+    assert refused.value.field in (field, field or None)
+    assert text in str(refused.value)
+    assert str(refused.value).isprintable()
+
+
+def test_an_amplitude_of_minus_zero_is_level_ground() -> None:
+    assert (surefoot.terrain.generate("rough", amplitude=-0.0).z == surefoot.terrain.generate("flat").z).all()
+
+
+def test_a_stance_that_is_refused_is_named_in_one_line() -> None:
+    world = surefoot.simulation.world()
+    with pytest.raises(SurefootError, match="stance") as refused:
+        world.reset(stance=np.ones(18))
+    assert str(refused.value).isprintable()
+    assert "\\n" not in str(refused.value)

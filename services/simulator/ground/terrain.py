@@ -126,7 +126,7 @@ def make_terrain(
     if seed < 0:
         raise TerrainError("seed", f"must be >= 0, got {seed!r}")
     known = SHAPES[kind]
-    amp = known.amp if amp is None else float(amp)
+    amp = known.amp if amp is None else float(amp) + 0.0  # no -0, which random numbers do not take
     if not math.isfinite(amp) or amp < 0.0 or amp > 1.0:
         raise TerrainError("amp", f"must be in [0, 1], got {amp!r}")
     size = size or OWN_SIZE

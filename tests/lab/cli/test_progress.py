@@ -12,6 +12,8 @@ from surefoot.errors import SurefootError
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli import progress as module
 from surefoot.lab.cli.progress import EACH_S, FIRST_S, SECOND_S, Progress
+from surefoot.lab.cli.run import _ProgressLine
+from surefoot.lab.runs.live import RunProgress
 
 
 def lines_of(seconds: float, steps: int) -> list[tuple[float, str]]:
@@ -77,6 +79,22 @@ def test_ctrl_c_says_what_is_kept_and_other_ends_do_not() -> None:
             if end is not None:
                 raise end
     assert lines == ["walk: interrupted at 40 %; run.mcap is kept"]
+
+
+def test_ctrl_c_after_a_run_names_the_recording_and_before_it_nothing(tmp_path, capsys) -> None:
+    """Before, a run that was interrupted while its report was written had recorded nothing, by its last line."""
+    recording = tmp_path / "run.mcap"
+    recording.write_bytes(b"")
+    for begun, written in ((False, recording), (True, None), (True, recording)):
+        with suppress(KeyboardInterrupt), _ProgressLine("walk", quiet=False) as line:
+            line.recording = written
+            if begun:
+                line.show(RunProgress.at(1, 1.0, 60.0))
+            raise KeyboardInterrupt
+    lines = [text for text in capsys.readouterr().err.splitlines() if "interrupted" in text]
+    assert lines[0] == "walk: interrupted before the run began; nothing was recorded"
+    assert lines[1] == "walk: interrupted before its report was written; nothing was recorded"
+    assert lines[2].startswith(f"walk: interrupted before its report was written; {recording} is kept")
 
 
 @pytest.fixture
@@ -155,3 +173,11 @@ def test_ctrl_c_or_sigterm_in_a_long_command_ends_with_one_sentence_and_no_half_
     assert "Traceback" not in err
     left = [path.name for path in talkative.rglob("*") if path.is_file()]
     assert left == (["p.seed0.checkpoint.npz"] if "sarsa" in words else [])
+
+
+def test_an_unknown_format_and_a_file_that_exists_are_refused_before_the_work_begins(in_process, talkative, recorded):
+    for words in (f"{recorded} --to nonsense", f"{recorded} --to csv -o {recorded}"):
+        code, _, err = in_process(*f"bag export {words}".split())
+        assert code == 2
+        assert err.count("\n") == 1
+        assert err.startswith("surefoot: ")

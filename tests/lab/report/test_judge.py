@@ -176,7 +176,10 @@ def test_margins_count_from_the_moment_the_walker_is_ready(invented):
 def test_a_value_without_a_limit_that_would_break_its_siblings_gets_a_sentence() -> None:
     traces = Traces()
     traces.rows["state/stability"] = [(0.0, 0.05, 0.028), (1.0, 0.06, 0.04)]
-    notes = judge(traces, {"min_margin_m": 0.03}).notes
+    verdict = judge(traces, {"min_margin_m": 0.03})
+    limits, notes = {row.name: row.limit_text for row in verdict.rows}, verdict.notes
+    assert limits["min_margin_m"] == ">= 0.03"
+    assert set(limits.values()) == {">= 0.03", "none"}
     assert len(notes) == 1
     assert (
         "measured CoM: 0.0280 m, has no limit; that of the smallest static margin, planned CoM is >= 0.03" in notes[0]
