@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Self
 
-from surefoot.errors import SurefootError
+from surefoot.errors import SurefootError, printable
 
 from .output import notify
 
@@ -46,7 +46,7 @@ class Progress:
                 path.stat()
             except OSError as error:
                 raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
-        self._what, self._kept, self._report, self._clock = what, kept, report, clock
+        self._what, self._kept, self._report, self._clock = printable(what), kept, report, clock
         self._share, self._step = 0.0, ""
         self._began = clock()
         self._next = self._began + FIRST_S

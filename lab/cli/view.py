@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .output import Connect, Json, Namespace, use_json
+from .progress import Progress
 from .viewing import Duration, Shape, ShownSystem, remark, seen, show_place, until
 
 if TYPE_CHECKING:
@@ -72,11 +73,10 @@ def _recorded(file: Path) -> str:
     """Return the HTML report of a recording, which contains the replay."""
     from tempfile import TemporaryDirectory
 
-    from ..report.recorded import report_recording
+    with Progress(f"reading {file}", reads=[file]) as progress, TemporaryDirectory() as folder:
+        from ..report.recorded import report_recording
 
-    remark(f"reading {file}")
-    with TemporaryDirectory() as folder:
-        path, _ = report_recording(file, None, Path(folder) / "report.html")
+        path, _ = report_recording(file, None, Path(folder) / "report.html", progress.at)
         return path.read_text(encoding="utf-8")
 
 

@@ -49,7 +49,7 @@ def write_report(path: Path, about: About, traces: Traces, verdict: RunVerdict, 
     path.parent.mkdir(parents=True, exist_ok=True)
     text = render(about, traces, verdict, film)
     with whole(path) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")  # bytes of a file's name
     return path
 
 

@@ -181,3 +181,17 @@ def test_an_unknown_format_and_a_file_that_exists_are_refused_before_the_work_be
         assert code == 2
         assert err.count("\n") == 1
         assert err.startswith("surefoot: ")
+
+
+def test_a_name_with_the_end_of_a_line_is_one_line() -> None:
+    lines = list[str]()
+    with suppress(KeyboardInterrupt), Progress("report of a\udc80\nb.mcap", report=lines.append):
+        raise KeyboardInterrupt
+    assert lines == [r"report of a\udc80\nb.mcap: interrupted; nothing was written"]
+
+
+def test_a_recording_that_is_viewed_states_share_and_time_left(in_process, talkative, recorded):
+    """Before, `view` was silent for as long as its report took, after one line."""
+    code, _, err = in_process(*f"view {recorded} --port 0 --duration 0.01".split())
+    assert code == 0, err
+    assert re.search(r"^reading .*: \d+ %, about \d+ s left", err, re.MULTILINE)

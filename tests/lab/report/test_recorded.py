@@ -223,3 +223,11 @@ def test_a_report_names_what_its_recording_does_not_state(recorded, whole, tmp_p
     bare = copy(recorded, tmp_path / "bare.mcap", {"robot": "ragno"}, summary={"run_hash": "ab"})
     text = report_recording(bare, None, tmp_path / "bare.html")[0].read_text(encoding="utf-8")
     assert "wall time, hashes of the configuration: its summary has none" in text
+
+
+def test_a_report_of_a_file_whose_name_is_no_utf8_names_its_bytes(recorded, tmp_path):
+    """Before, it ended with an internal error as the report was written."""
+    odd = tmp_path / "a\udc80\nb.mcap"
+    odd.symlink_to(recorded)
+    path, _ = report_recording(odd, None, tmp_path / "report.html")
+    assert "a\\udc80" in path.read_text(encoding="utf-8")
