@@ -19,7 +19,6 @@ import mujoco
 import numpy as np
 
 from surefoot.arrays import Array
-from surefoot.errors import shown
 from surefoot.robot.description import ImuProfile, Robot, RobotError
 from surefoot.schemas.sim import Obstacle
 from surefoot.schemas.topics import HW_IMU, HW_JOINTS, TICK_NS
@@ -146,9 +145,7 @@ class PhysicsWorld:
         self.seed = self.seed if seed is None else int(seed)
         stance = np.array(robot.neutral if stance is None else stance, dtype=np.float64)
         if stance.shape != (robot.nj,) or not ((stance >= robot.joint_lower) & (stance <= robot.joint_upper)).all():
-            raise WorldError(
-                "stance", f"must be {robot.nj} joint angles within their limits, got {shown(stance.tolist())}"
-            )
+            raise WorldError("stance", f"must be {robot.nj} angles within their limits, got {stance.tolist()}")
         self.tick, self.steps, self._first_tick = 0, 0, 0
         self.disturb.clear()
         c = self.config
