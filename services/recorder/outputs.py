@@ -27,6 +27,11 @@ class Output(Protocol):
     path: str
     """Path of the file that was written last; empty = none yet."""
 
+    @property
+    def unsaved(self) -> int | None:
+        """First tick of which messages are not in a file yet; None = there is none."""
+        ...
+
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
         """Begin run number `epoch`; ``begun``: True if an earlier process recorded its first part (raises OSError)."""
         ...
@@ -73,6 +78,7 @@ class WholeRun:
         self._description, self._path, self.path = _Description(config), path, str(path)
         self._writer: RecordingWriter | None = None
         self._files = 0
+        self.unsaved: int | None = None
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
         """Begin the file of a run, `epoch` its number, unless it is open already.
@@ -84,13 +90,16 @@ class WholeRun:
         self._files += 1
         path = _free(self._path, self._files) if self._files > 1 or begun else self._path
         self._writer = self._description.writer(path, epoch=str(epoch), seed=str(seed))
-        self.path = str(path)
+        self.path, self.unsaved = str(path), None
 
     def write(self, topic: Topic[Any], header: Any, raw: Raw, tick: int) -> None:
         """Append a message to the open file of the run, if there is one (raises OSError)."""
         try:
             if self._writer is not None:
+                self.unsaved = tick if self.unsaved is None else self.unsaved
                 self._writer.write(topic, header, raw)
+                if not self._writer.waiting:
+                    self.unsaved = None
         except OSError:
             if self._writer is not None:
                 self._writer.give_up()
@@ -135,6 +144,12 @@ class LastSeconds:
         self._ring: deque[_RingMessage] = deque()
         self._latched: dict[str, _RingMessage] = {}
         self._fallen, self._stopped = False, ""
+        self._saved = -1  # last tick of the last file
+
+    @property
+    def unsaved(self) -> int | None:
+        """First tick of which messages are held in memory only; None = there is none."""
+        return next((kept.tick for kept in self._ring if kept.tick > self._saved), None)
 
     def begin(self, epoch: int, seed: int, *, begun: bool) -> None:
         """Drop the messages in memory if they are of another run than `epoch`; `begun` has no effect."""
@@ -189,7 +204,7 @@ class LastSeconds:
         for kept in (*self._latched.values(), *self._ring):
             writer.write(kept.topic, kept.header, kept.raw)
         writer.close(self._facts())
-        self.path = str(path)
+        self.path, self._saved = str(path), self._tick
         return self.path, writer.messages
 
 

@@ -122,8 +122,8 @@ class Recorder(Service[RecorderConfig]):
         try:
             work(self._output)
         except OSError as error:
-            why = f"{self.config.path}: {error.strerror or error}"
-            self.trouble = f"nothing is recorded from tick {self._tick} on: {why}"
+            since = self._tick if self._output.unsaved is None else self._output.unsaved
+            self.trouble = f"nothing is recorded from tick {since} on: {self.config.path}: {error.strerror or error}"
             self.log("error", self.trouble)
 
     def _flush(self) -> None:

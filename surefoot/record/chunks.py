@@ -30,6 +30,8 @@ class ChunkWriter:
     def __init__(self, file: IO[bytes], library: str) -> None:
         self._file = file
         self._position = 0
+        self.written = 0
+        """Number of messages in chunks that are written to the file."""
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
         self._metadata: list[records.MetadataIndex] = []
@@ -143,6 +145,8 @@ class ChunkWriter:
                 message_index_offsets=offsets, message_start_time=min(stamps), uncompressed_size=len(data),
             )
         )  # fmt: skip
+        self._file.flush()
+        self.written += sum(len(places) // 2 for places in self._places.values())
         self._begin_chunk()
 
     def _write(self, data: bytes) -> None:

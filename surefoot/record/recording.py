@@ -79,6 +79,11 @@ class RecordingWriter:
         self._writer.add_message(channel, stamp_ns, header.seq & MOST_SEQ, data)
         self.messages += 1
 
+    @property
+    def waiting(self) -> int:
+        """Number of messages that are not in the file yet: those of the present chunk."""
+        return self.messages - self._writer.written
+
     def give_up(self) -> None:
         """Close the file as it is, without metadata and index, as one that cannot be written any more."""
         with suppress(OSError):  # what is buffered does not fit either

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import re
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from surefoot.lockstep import driver as driver_module
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.join import TickInputs
 from surefoot.lockstep.local import LocalSystem
+from surefoot.record import chunks
+from surefoot.record.check import check, sound_messages
 from surefoot.record.recording import RecordingWriter, read_recording, recording_info
 from surefoot.schemas import topics
 from surefoot.schemas.base import Message
@@ -273,6 +276,32 @@ def test_a_disk_that_is_full_in_a_run_is_in_health_and_status_until_the_next_run
     finish(system, driver)
     assert status(system).trouble == recorder.health().trouble == ""
     assert _unrecorded(path, status(system)) == []
+
+
+def test_all_before_the_tick_that_a_full_disk_names_is_in_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(chunks, "CHUNK_BYTES", 4_000)
+    whole, part = tmp_path / "whole.mcap", tmp_path / "part.mcap"
+    record(whole, ticks=60)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    named = set[int]()
+    for tenths in (4, 5, 6, 7, 8, 9):
+        system, driver = begun(part, ticks=60)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (whole.stat().st_size * tenths // 10, hard))
+        try:
+            finish(system, driver)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        lost = int(status(system).trouble.split()[5])
+        found = check(part)
+        ticks: dict[str, list[int]] = {"hw/tick": [], "hw/imu": []}
+        for one in sound_messages(part, found.pieces):
+            if (key := found.channels[one.channel]) in ticks:
+                ticks[key].append(json.loads(bytes(one.data))["tick"])
+        assert ticks["hw/tick"][:lost] == ticks["hw/imu"][:lost] == list(range(lost))
+        named.add(lost)
+    assert len(named) > 2
 
 
 def test_a_path_that_is_no_utf8_is_written_and_reported(tmp_path: Path) -> None:
