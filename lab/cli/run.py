@@ -60,7 +60,7 @@ def run(
     from surefoot.services.supervisor.processes.startable import system_of
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
 
-    from ..runs.live import Options, conduct, new_folder
+    from ..runs.live import Options, conduct
     from .before import check_system
     from .warming import warm_if_cold
 
@@ -77,8 +77,6 @@ def run(
     refuse_in_use(endpoint)
     check_system(compose, loaded.world, loaded.seed if seed is None else seed)
     warm_if_cold(compose, endpoint, notify)
-    out = out or new_folder(loaded.name, loaded.seed if seed is None else seed)
-    line.recording = out / "run.mcap" if record else None
     options = Options(seed, record, rtf, strict, listen, out)
     with viewer(endpoint, namespace_of(compose.robot), compose.robot, wanted=view), line:
         outcome = conduct(loaded, compose, options, line.notify, line.show)
@@ -153,13 +151,10 @@ def _show(outcome: "RunOutcome", *, json: bool) -> None:
 
 
 class _ProgressLine:
-    """Progress display of a scenario run: one line that is rewritten on a terminal, a few lines in a file or pipe.
-
-    Attributes:
-        recording: recording that the run writes; None = none.
-    """
+    """Progress display of a scenario run: one line that is rewritten on a terminal, a few lines in a file or pipe."""
 
     recording: Path | None = None
+    """Recording that the run writes; None = none, or the run has not begun."""
 
     def __init__(self, name: str, *, quiet: bool) -> None:
         self._name, self._quiet, self._progress, self._begun = name, quiet, None, False
@@ -192,7 +187,7 @@ class _ProgressLine:
 
     def show(self, progress: "RunProgress") -> None:
         """Show the progress of the scenario run, on a terminal in place of the last progress line."""
-        self._begun = True
+        self._begun, self.recording = True, progress.recording
         self._rewrite(f"{progress.time:.2f} s simulated of at most {progress.most:g} s, {progress.rtf:.1f}x real time")
         if not self._rewrites and not self._quiet:
             self._progress = self._progress or Progress(self._name)  # begun now: the start is no share of the run

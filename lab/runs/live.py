@@ -64,17 +64,21 @@ class Options:
 
 @dataclass(frozen=True)
 class RunProgress:
-    """Progress of a run: control ticks, simulated time (s), mean real-time factor, longest simulated time (s)."""
+    """Progress of a run: control ticks, simulated time (s), mean real-time factor, longest simulated time (s).
+
+    recording: file that the run writes; None = none.
+    """
 
     ticks: int
     time: float
     rtf: float
     most: float
+    recording: Path | None = None
 
     @classmethod
-    def at(cls, ticks: int, wall_s: float, most: float) -> "RunProgress":
+    def at(cls, ticks: int, wall_s: float, most: float, recording: Path | None = None) -> "RunProgress":
         """Return the progress after `ticks` ticks and `wall_s` s of wall time; `most`: longest simulated time, s."""
-        return cls(ticks, ticks * TICK_S, ticks * TICK_S / wall_s, most)
+        return cls(ticks, ticks * TICK_S, ticks * TICK_S / wall_s, most, recording)
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,7 @@ def conduct(
     """
     began = time.monotonic()
     seed = scenario.seed if options.seed is None else options.seed
-    out = _writable(options.out or new_folder(scenario.name, seed))
+    out = _writable(options.out or _new_folder(scenario.name, seed))
     recording = (out / "run.mcap").resolve() if options.record else None
     request, about = _reset(scenario, options, seed), _about(scenario, compose, options, seed)
     director = Director(scenario)
@@ -160,10 +164,11 @@ def conduct(
     with Session(compose, listen=options.listen, director=director, environment=environment, notify=notify) as session:
         notify(f"run {session.begin(request, START_S).run_id} begins")
         beside, interrupted = None if meddle is None else meddle(session), False
+        most = scenario.max_duration_s
         try:
             with beside or nullcontext():
                 start_s, problems = session.follow(
-                    began, STALL_S, lambda ticks, wall_s: show(RunProgress.at(ticks, wall_s, scenario.max_duration_s))
+                    began, STALL_S, lambda ticks, wall_s: show(RunProgress.at(ticks, wall_s, most, recording))
                 )
         except KeyboardInterrupt:  # the report covers what there is
             start_s, problems, interrupted = 0.0, ["it was interrupted"], True
@@ -322,7 +327,7 @@ def _writable(folder: Path) -> Path:
     return folder
 
 
-def new_folder(scenario: str, seed: int) -> Path:
+def _new_folder(scenario: str, seed: int) -> Path:
     """Return the path of a folder under `runs/` that is not there yet, for recording and report of a run."""
     stem = Path("runs") / f"{scenario}-seed{seed}-{datetime.now():%Y%m%d-%H%M%S}"
     folder, number = stem, 1

@@ -31,7 +31,7 @@ def test_what_is_no_typed_error_is_a_finding() -> None:
         raise error
 
     tally = Tally()
-    for error in (SurefootError("x", "one sentence"), zlib.error("raw"), SurefootError("x", "two\nlines")):
+    for error in (SurefootError("x", "one sentence"), zlib.error("raw"), SurefootError("x", "Traceback of some call")):
         attempt(tally, "it", b"data", lambda error=error: fail(error))
     attempt(tally, "it", b"data", lambda: None)
     assert (tally.inputs, tally.taken, tally.refused, len(tally.findings)) == (4, 1, 2, 2)

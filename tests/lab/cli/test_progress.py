@@ -87,9 +87,8 @@ def test_ctrl_c_after_a_run_names_the_recording_and_before_it_nothing(tmp_path, 
     recording.write_bytes(b"")
     for begun, written in ((False, recording), (True, None), (True, recording)):
         with suppress(KeyboardInterrupt), _ProgressLine("walk", quiet=False) as line:
-            line.recording = written
             if begun:
-                line.show(RunProgress.at(1, 1.0, 60.0))
+                line.show(RunProgress.at(1, 1.0, 60.0, written))
             raise KeyboardInterrupt
     lines = [text for text in capsys.readouterr().err.splitlines() if "interrupted" in text]
     assert lines[0] == "walk: interrupted before the run began; nothing was recorded"

@@ -63,8 +63,7 @@ def beside_a_full_link(close_us: int, monkeypatch: pytest.MonkeyPatch) -> Iterat
 def test_a_client_that_does_not_read_its_replies_holds_others_for_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
     """The router closes the full link; from then on every request of others is answered."""
     with beside_a_full_link(options.CLOSE_FULL_US // 4, monkeypatch) as answered:
-        wait_until(answered)
-        assert all(answered() for _ in range(20))
+        wait_until(lambda: all(answered() for _ in range(20)))  # the first ones may come before the link is full
 
 
 def test_others_wait_for_as_long_as_the_full_link_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
