@@ -168,7 +168,7 @@ def attempt(tally: Tally, what: str, data: bytes, read: Callable[[], object], sl
         tally.taken += 1
     except SurefootError as error:
         tally.refused += 1
-        if not str(error) or "Traceback" in str(error):
+        if not str(error) or "\n" in str(error).strip() or "Traceback" in str(error):
             tally.findings.append(f"{what}: no sentence {str(error)[:120]!r} for {data[:200]!r}")
     except Exception as error:
         tally.findings.append(f"{what}: {type(error).__name__}: {str(error)[:120]} for {data[:200]!r}")
