@@ -3,10 +3,11 @@
 import math
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.robot.description import Robot
+from surefoot.tables import refused
 
 from .paper.estimators import ESTIMATORS
 from .params import StartPose
@@ -46,11 +47,12 @@ class EstimatorConfig(ServiceConfig):
         default=False, description="the ground is level everywhere, as on a floor: keeps height and tilt from drifting"
     )
 
-    @model_validator(mode="after")
-    def _runs(self) -> "EstimatorConfig":
-        if self.mode != BEST and not self.beside:
-            raise ValueError(f"mode: got {self.mode!r}, allowed is 'best' where `beside` is false")
-        return self
+    @field_validator("beside")
+    @classmethod
+    def _runs(cls, beside: bool, info: ValidationInfo) -> bool:
+        if not beside and (mode := info.data.get("mode", BEST)) != BEST:
+            raise refused("mode", f"got false with mode {mode!r}, which needs true")
+        return beside
 
     @property
     def modes(self) -> tuple[str, ...]:

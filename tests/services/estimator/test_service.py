@@ -101,7 +101,7 @@ def test_best_alone_publishes_the_same_of_itself(service, desk):
 
 
 def test_another_mode_than_best_needs_the_estimators_beside_it():
-    with pytest.raises(ValueError, match="mode: got 'ekf', allowed is 'best' where `beside` is false"):
+    with pytest.raises(ValueError, match=r"beside\n +got false with mode 'ekf', which needs true"):
         EstimatorConfig(mode="ekf", beside=False)
 
 
