@@ -294,7 +294,7 @@ class LeggedWalker:
             s.scale *= 0.5
             s.reason = "a leg does not reach its foothold at any trunk height"
             return None
-        plan = planning.complete(frame, legs, begin, end, s.footholds, feet_to, swings, s.status)
+        plan = planning.complete(frame, legs, begin, end, s.footholds, feet_to, swings, gait.leans)
         rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
         if gait.leans:
             plan = dataclasses.replace(plan, lean=balance.lean_time(begin, end, self.params))

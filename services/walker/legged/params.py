@@ -8,6 +8,7 @@ from surefoot.tables import FileModel
 from ..commands import Abilities
 from ..settings import settings_of
 from .patterns import GaitPattern
+from .swing import GENTLE_TIME
 
 
 class WalkerParams(FileModel):
@@ -145,7 +146,7 @@ class WalkerParams(FileModel):
 def abilities(params: WalkerParams, gaits: dict[str, GaitPattern]) -> Abilities:
     """Return the abilities of a robot with these settings and gaits."""
     cycles = [
-        0.5 * gait.steps_per_cycle * params.period_s + gait.steps_per_cycle * params.lean_s
+        gait.steps_per_cycle * (0.5 * GENTLE_TIME * params.period_s + params.lean_s)
         if gait.leans
         else params.period_s
         for gait in gaits.values()

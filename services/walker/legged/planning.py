@@ -52,8 +52,6 @@ class StepPlan:
     go: Array
     arrive: Array
     """Swing phase, 0..1, at which each foot's sideways movement ends, (L,); it begins at phase `go`."""
-    status: tuple[str, ...]
-    """Status of each foot's foothold: ok, raise_trunk, infeasible, nominal (none was requested), no_answer."""
     duration: float
     """Duration of the step, s: half a gait period, or longer when a foot has far to descend."""
     shape: SwingShape
@@ -215,7 +213,7 @@ def complete(
     feet: Array,
     feet_to: Array,
     swings: tuple[Array, Array],
-    status: tuple[str, ...],
+    leans: bool,
 ) -> StepPlan:
     """Return the plan of the step with its swing paths over the whole swept ground.
 
@@ -227,7 +225,7 @@ def complete(
         feet: foot centres before the step, frame map, (L, 3) m.
         feet_to: foot centres after it, (L, 3) m.
         swings: swept ground (n, 13), NaN = unknown, and height of the level part (n,) of each swing, m.
-        status: status of the foothold of each leg.
+        leans: True if the trunk is over the feet that stand before the swing; the foot then comes down more slowly.
     """
     n, params, (swept, highest) = feet.shape[0], frame.params, swings
     feet_to = feet_to.copy()
@@ -235,6 +233,8 @@ def complete(
     fall = float(np.max(highest - feet_to[list(legs), 2]))
     duration = 0.5 * params.period_s * min(params.longest_step, max(1.0, fall / params.full_speed_fall_m))
     usual = SwingShape()
+    if leans:
+        usual, duration = swing.GENTLE, swing.GENTLE_TIME * duration
     slow = (1.0 - usual.fall_end) * (1.0 - 2.0 * params.overlap) * duration
     shape = usual._replace(approach=min(params.touch_speed * slow, 0.5 * params.clearance_m))
     swinging = np.zeros(n, dtype=np.bool_)
@@ -243,7 +243,7 @@ def complete(
         swinging[leg], top[leg] = True, highest[k]
         go[leg], arrive[leg] = swing.window(shape, feet[leg], feet_to[leg], highest[k], swept[k], params.margin_m)
     deepest = feet_to[:, 2] - params.search_m
-    return StepPlan(swinging, begin, end, feet.copy(), feet_to, deepest, top, go, arrive, status, duration, shape)
+    return StepPlan(swinging, begin, end, feet.copy(), feet_to, deepest, top, go, arrive, duration, shape)
 
 
 def contacts(frame: PlanningContext, feet: Array) -> tuple[Array, Array]:

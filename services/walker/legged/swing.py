@@ -30,6 +30,11 @@ class SwingShape(NamedTuple):
     approach: float = 0.006  # m above the landing where the slow part begins; set for each step
 
 
+GENTLE = SwingShape(fall_end=0.70)
+"""Swing while three feet carry the robot: a foot that meets the ground earlier than planned, at 1 m/s, throws it over
+two of them."""
+GENTLE_TIME = 1.35  # duration of such a swing over that of the usual one: its foot falls at 0.45 of the speed
+
 WINDOWS = ((0.10, 0.66), (0.15, 0.60), (0.20, 0.56), (0.25, 0.52))
 """Pairs of swing phases (go, arrive), 0..1, between which the foot moves sideways; the first pair whose path clears the
 ground is used."""
