@@ -4,6 +4,7 @@
 
 import struct
 import zlib
+from array import array as words_of
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -220,6 +221,7 @@ def memory_of(state: LowState) -> Memory:
 
 def check_sum(memory: Memory) -> int:
     """Return the check sum of a LowState: CRC-32/MPEG-2 over all its words but the last."""
-    words = np.frombuffer(memory[:-4], dtype=">u4").astype("<u4").tobytes()
-    reflected = zlib.crc32(words.translate(REVERSED)) ^ 0xFFFFFFFF
+    words = words_of("I", memory.translate(REVERSED))
+    words.byteswap()
+    reflected = zlib.crc32(memoryview(words)[:-1]) ^ 0xFFFFFFFF
     return int.from_bytes(reflected.to_bytes(4, "little").translate(REVERSED), "big")

@@ -53,12 +53,15 @@ class Unitree(SensedDriver[UnitreeConfig]):
     def open(self) -> None:
         """Open the DDS readers (raises SurefootError: DDS is not installed, or there is no such network interface)."""
         c = self.config
+        self._readers = self._open()
+        from .messages import check_sum, sensors_of  # needs DDS
+
+        self._check_sum, self._sensors_of = check_sum, sensors_of
         self._joints = itemgetter(*joint_columns(c.joints, self.robot))
         self._feet = itemgetter(*leg_columns(c.feet, self.robot))
         self._now_ms: int | None = None
         self._lost: tuple[float, ...] = ()
         self._maker: Any = None
-        self._readers = self._open()
 
     def _open(self) -> tuple[Any, Any]:
         c = self.config
@@ -99,10 +102,8 @@ class Unitree(SensedDriver[UnitreeConfig]):
 
     def take(self, memory: Any) -> None:
         """Store what a LowState message has, as it lies in the robot's memory: joints, inertial unit, foot forces."""
-        from .messages import check_sum, sensors_of
-
-        m = sensors_of(memory)
-        if self.config.check_crc and (wanted := check_sum(memory)) != m.crc:
+        m = self._sensors_of(memory)
+        if self.config.check_crc and (wanted := self._check_sum(memory)) != m.crc:
             self.intake.refuse("crc", f"rt/lowstate: check sum {m.crc:#x}, wanted is {wanted:#x}")
             return
         stamp = self._time(m.tick) * MS

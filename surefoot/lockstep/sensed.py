@@ -19,8 +19,9 @@ from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, S
 
 PATIENCE_S = 0.05
 """Wall time without a sensor sample after which ticks follow the wall clock, s."""
-POLL_S = 0.001
-"""Shortest interval between two polls of the sensors, s."""
+POLL_S, EARLY_S = 0.001, 0.00025
+"""`POLL_S`: shortest interval between two polls of the sensors while a sample is overdue, s; `EARLY_S`: time by which
+the first poll for a tick comes before the tick may be due, s, so that the delay from a sample to its tick shrinks."""
 MISSED_S = 5.0
 """Wall time without the first inertial sample after which a warning is logged, s."""
 
@@ -58,25 +59,29 @@ class SensorPace(Pace):
         super().__init__(clock)
         self._intake, self._poll = intake, poll
         self._last = self._next_look = clock()
+        self._due = -1
+        """Number of the last tick that was found to be due; -1 = none."""
 
     def until_due(self, tick: int) -> float:
         """Return the wall time after which to call again, s; 0 = the tick is due."""
         now = self._clock()
+        if tick == self._due:
+            return 0.0
         if now < self._next_look:
             return self._next_look - now
         self._poll()
         lacking_s = 1e-9 * self._intake.lacking_ns(tick)
+        wait_s = min(max(lacking_s / 4.0, POLL_S), TICK_S)  # fewer polls where samples are rarer
         if self._intake.newest_ns < 0:
-            self._last = now
+            self._last, wait_s = now, TICK_S
         elif lacking_s <= 0.0:
-            self._last = now
-            return 0.0
+            self._last, self._due = now, tick
+            late_s = min(now - self._next_look, POLL_S)
+            wait_s = 1e-9 * self._intake.lacking_ns(tick + 1) - EARLY_S - late_s
         elif now - self._last >= PATIENCE_S:
-            self._last = max(self._last + TICK_S, now - 2 * PATIENCE_S)
-            return 0.0
-        wait_s = min(max(lacking_s - POLL_S, POLL_S), TICK_S)
+            self._last, self._due, wait_s = max(self._last + TICK_S, now - 2 * PATIENCE_S), tick, TICK_S
         self._next_look = now + wait_s
-        return wait_s
+        return 0.0 if tick == self._due else wait_s
 
 
 S = TypeVar("S", bound=SensedConfig)

@@ -146,9 +146,7 @@ class WalkerParams(FileModel):
 def abilities(params: WalkerParams, gaits: dict[str, GaitPattern]) -> Abilities:
     """Return the abilities of a robot with these settings and gaits."""
     cycles = [
-        gait.steps_per_cycle * (0.5 * GENTLE_TIME * params.period_s + params.lean_s)
-        if gait.leans
-        else params.period_s
+        gait.steps_per_cycle * (0.5 * GENTLE_TIME * params.period_s + params.lean_s) if gait.leans else params.period_s
         for gait in gaits.values()
     ]
     return Abilities(tuple(gaits), params.max_stride_m / min(cycles), shifts=True)

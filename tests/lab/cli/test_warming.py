@@ -111,6 +111,11 @@ def test_a_real_stamp_names_the_files_of_its_kernels():
     assert not warming.is_cold((job,))
 
 
+def test_kernels_that_draw_the_robot_are_compiled_with_those_of_services():
+    files = warming._rehearse(Job("simulator", "ragno")).files
+    assert any("kinematics.forward-" in file and ".link." not in file for file in files), files
+
+
 def test_what_cannot_be_compiled_is_told_by_name():
     jobs = (Job("nothing", "ragno"),)
     with expect_error(SurefootError, text="nothing", without="\n"):
