@@ -58,7 +58,8 @@ class SensorPace(Pace):
     def __init__(self, intake: Intake, poll: Callable[[], None], clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(clock)
         self._intake, self._poll = intake, poll
-        self._last = self._next_look = clock()
+        self._last: float = clock()
+        self._next_look = self._last
         self._due = -1
         """Number of the last tick that was found to be due; -1 = none."""
 
