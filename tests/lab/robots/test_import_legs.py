@@ -151,9 +151,9 @@ def test_a_leg_that_turns_first_stands_outside_of_its_axis_and_crawls(bring_in):
 def test_a_crab_keeps_its_pace_whatever_its_legs_are_like(bring_in, more):
     _, robot = bring_in(crab(**more))
     p = Plant(LeggedWalker(robot))
-    outs = p.obey(MotionCommand("walk", distance=1.0), limit=70.0)
+    outs = p.obey(MotionCommand("walk", distance=1.0), limit=75.0)
     assert p.walker.state.body[0] == pytest.approx(1.0, abs=0.01)
-    assert len(outs) < 6200
+    assert len(outs) < 7000  # the shortest first links: a foot has farthest to come down, slowly
 
 
 def test_a_biped_of_three_joints_a_leg_is_imported_without_a_gait(bring_in):
