@@ -201,8 +201,8 @@ def crawl(
         own = [line for line in lines if line["robot"] == robot]
         stood = sum(line["values"]["fell"] == 0.0 for line in own)
         short = sum("distance_m" in line["failed"] for line in own)
-        bare = sum(line["values"]["min_margin_m"] <= 0.0 for line in own)
-        title = f"{robot}, {ground}: {stood} of {len(own)} stood, {short} did not arrive, {bare} lost their margin"
+        lost = sum(line["values"]["min_margin_m"] <= 0.0 for line in own)
+        title = f"{robot}, {ground}: {stood} of {len(own)} stood, {short} did not arrive, {lost} lost their margin"
         table(title, ("metric", "median", "least", "seed", "most", "seed"), metrics(own, SHOWN))
 
 

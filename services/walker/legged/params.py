@@ -18,7 +18,10 @@ class WalkerParams(FileModel):
     walker's configuration may change `period_s`, `stride_m`, `hip_height_m` and `clearance_m`.
     """
 
-    period_s: float = Field(gt=0, le=20, description="s, two steps of the tripod gait; a step of any gait takes half")
+    period_s: float = Field(
+        gt=0, le=20,
+        description="s, two steps of the tripod gait; a step of any gait takes half, a swing of a crawl 0.675 of it",
+    )  # fmt: skip
     stride_m: float = Field(gt=0, le=5, description="m, way of the trunk in a full cycle of the gait at its own speed")
     hip_height_m: float = Field(gt=0, le=5, description="m, base_link above the mean ground under the feet")
     clearance_m: float = Field(

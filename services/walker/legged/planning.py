@@ -53,7 +53,8 @@ class StepPlan:
     arrive: Array
     """Swing phase, 0..1, at which each foot's sideways movement ends, (L,); it begins at phase `go`."""
     duration: float
-    """Duration of the step, s: half a gait period, or longer when a foot has far to descend."""
+    """Duration of the step without the lean, s: half a gait period, in a gait that leans 0.675 of one, or longer when a
+    foot has far to descend."""
     shape: SwingShape
     """Phases of the swings, and height of the slow approach."""
     lean: float = 0.0
