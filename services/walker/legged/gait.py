@@ -37,6 +37,8 @@ from .route import LeggedRoute, advance, finished, moved, remaining
 from .standins import HullCheck, nominal_footholds
 from .state import Stage, WalkerState
 
+AS_PLANNED = np.zeros(0)  # no measured joint angles
+
 
 class LeggedWalker:
     """Gait of a robot with four or six closed-form legs.
@@ -140,7 +142,7 @@ class LeggedWalker:
                 self._stand(inputs)
             if s.stage is Stage.STEP:
                 self._step(inputs)
-            self._posture()
+            self._posture(inputs)
         return self._outputs()
 
     def _take(self, inputs: WalkerInputs) -> None:
@@ -321,11 +323,14 @@ class LeggedWalker:
         x, y = s.body[:2] - planning.rotated(s.yaw, s.lean[None])[0]
         return BodyPose(float(x), float(y), float(s.body[2]), s.yaw)
 
-    def _posture(self) -> None:
+    def _posture(self, inputs: WalkerInputs) -> None:
         s = self.state
         rot = rotations.matrix_from_rpy(s.level[0], s.level[1], s.yaw)
+        measured, felt = AS_PLANNED, rot
+        if s.gait.leans and s.calibrated and not s.held and s.measured is not None:
+            measured, felt = s.measured, rotations.matrix_from_rpy(*anchor.tilt(s, inputs), s.yaw)
         s.command, s.q, reachable = posture.set_points(
-            self.robot.model, s.feet, s.body, rot, s.support, self._compliance
+            self.robot.model, s.feet, s.body, rot, s.support, self._compliance, measured, felt
         )
         s.unreachable = self.robot.nlegs - int(np.count_nonzero(reachable))
 

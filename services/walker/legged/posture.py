@@ -82,12 +82,21 @@ def share_load(feet: Array, com_xy: Array, support: Array, weight: float) -> Arr
 
 @kernel
 def set_points(
-    model: KinematicModel, feet: Array, body: Array, rot: Array, support: Array, compliance: Array
+    model: KinematicModel,
+    feet: Array,
+    body: Array,
+    rot: Array,
+    support: Array,
+    compliance: Array,
+    measured: Array,
+    felt: Array,
 ) -> tuple[Array, Array, Flags]:
     """Return the set-points of the servos that hold the trunk at a pose over the feet.
 
     A position servo of stiffness kp under the torque tau rests at q = command - tau / kp, tau = G(q) - J'f with G the
     torques by the weight of the links, f the ground's force on the foot, J its Jacobian; the set-point adds tau / kp.
+    With the torques of the planned posture the weight pushes a trunk that has drifted farther from its plan; with those
+    of the measured one they balance the weight where the trunk is, and the whole stiffness returns it to its plan.
 
     Args:
         model: kinematics of the robot.
@@ -96,6 +105,8 @@ def set_points(
         rot: rotation from base_link to map, (3, 3).
         support: share of each foot in carrying the weight, 0..1, (L,).
         compliance: compensated part of 1 / kp of every joint, rad/Nm, (nj,); zeros switch it off.
+        measured: joint angles (nj,), rad, at which the torques are computed; empty = the planned ones.
+        felt: rotation from base_link to map at the measured angles, (3, 3); unused without them.
 
     Returns:
         Set-points (nj,) rad within the joint limits, joint angles (nj,) rad without compensation, True for legs that
@@ -103,16 +114,20 @@ def set_points(
     """
     feet_base = into_base(feet, body, rot)
     q, reachable = kinematics.legs_ik(model, feet_base)
+    at, turned, ground = q, rot, feet
+    if measured.size > 0:
+        at, turned = measured, felt
+        ground = into_map(kinematics.foot_positions(model, at), body, turned)
     up, g_up = np.empty(3), np.empty(3)
     for k in range(3):
-        up[k], g_up[k] = rot[2, k], GRAVITY * rot[2, k]
-    rot_links, pos_links = kinematics.forward(model, q)
+        up[k], g_up[k] = turned[2, k], GRAVITY * turned[2, k]
+    rot_links, pos_links = kinematics.forward(model, at)
     torque = kinematics.gravity_torques_of(model, rot_links, pos_links, g_up)
     com = kinematics.com_of(model, rot_links, pos_links)
     com_xy = np.empty(2)
     for k in range(2):
-        com_xy[k] = body[k] + rot[k, 0] * com[0] + rot[k, 1] * com[1] + rot[k, 2] * com[2]
-    force = share_load(feet, com_xy, support, GRAVITY * kinematics.total_mass(model))
+        com_xy[k] = body[k] + turned[k, 0] * com[0] + turned[k, 1] * com[1] + turned[k, 2] * com[2]
+    force = share_load(ground, com_xy, support, GRAVITY * kinematics.total_mass(model))
     jac = kinematics.foot_jacobians_of(model, rot_links, pos_links)
     for i in range(feet.shape[0]):
         for c in range(model.leg_joints.shape[1]):
