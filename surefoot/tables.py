@@ -6,12 +6,12 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, Self, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from surefoot.errors import FieldError
+from surefoot.errors import FieldError, printable
 from surefoot.nearest import did_you_mean, nearest
 
 UNIT_SLACK = 1e-6
@@ -45,6 +45,11 @@ class TableError(FieldError):
 
     Its code is one of `CODES`, `syntax` or `not_found`.
     """
+
+    def in_file(self, path: Path) -> Self:
+        """Return the error with the file before the field in its text; `message` and `field` stay as they are."""
+        self.args = (printable(f"{path}: {self}"),)
+        return self
 
 
 class FileModel(BaseModel):

@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from surefoot.robot.description import RobotError
-from surefoot.robot.reader import load_robot
+from surefoot.robot.reader import ROBOT_FILE, described
 
 from .source import BALANCED, check_name, compiled, read_source
 from .stance import can_stand, gait_numbers
@@ -37,10 +37,10 @@ def import_robot(file: Path, out: Path) -> Imported:
     try:
         header = f"Imported from {file.name}; what is assumed stands in import.json."
         _write(trial, made, header)
-        stand_on(made, load_robot(trial))
+        stand_on(made, described(trial / ROBOT_FILE))
         assume_rotors(made)
         _write(trial, made, header)
-        robot = load_robot(trial)
+        robot = described(trial / ROBOT_FILE)
         if can_stand(robot):
             made.tables["gait"] |= gait_numbers(robot)
         if len(made.tables["gait"]) > 1:

@@ -90,10 +90,12 @@ class HeightMap:
 
     @staticmethod
     def _numbers(name: str, value: Any) -> NDArray[np.float32]:
-        """Return a copy of a field as float32 of its shape (raises HeightMapError: no numbers)."""
+        """Return a copy of a field as float32 of its shape, NaN where masked (raises HeightMapError: no numbers)."""
         try:
-            if np.iscomplexobj(value) or np.ma.is_masked(value):
-                raise TypeError("complex or masked")
+            if np.iscomplexobj(value):
+                raise TypeError("complex")
+            if np.ma.is_masked(value):
+                value = np.ma.filled(value.astype(np.float64), np.nan)
             with np.errstate(over="ignore"):  # what overflows is infinite, and refused as such
                 return np.array(value, dtype=np.float32, order="C", copy=True)
         except (TypeError, ValueError, OverflowError):

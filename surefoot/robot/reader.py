@@ -37,9 +37,18 @@ def load_robot(name: str | PathLike[str]) -> r.Robot:
         name: folder name under `surefoot/robots`, or a path (anything that ends in `.toml` or holds a separator).
 
     Raises:
-        RobotError: names the field, the received value and the allowed ones.
+        RobotError: names the file, the field, the received value and the allowed ones.
     """
-    data = read_toml(robot_file(name), RobotError)
+    path = robot_file(name)
+    try:
+        return described(path)
+    except RobotError as error:
+        raise error.in_file(path) from None
+
+
+def described(path: Path) -> r.Robot:
+    """Return the robot that a `robot.toml` describes (raises RobotError, which names the field but not the file)."""
+    data = read_toml(path, RobotError)
     file = validated(RobotFile, data, RobotError)
     _check_sources(file, "", file.sources)
     return _robot(file, data)

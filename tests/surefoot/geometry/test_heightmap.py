@@ -76,6 +76,12 @@ def test_height_is_bilinear(point: tuple[float, float]) -> None:
     assert got == pytest.approx((1 - b) * low + b * high, abs=1e-12)
 
 
+def test_masked_heights_are_unknown() -> None:
+    """Rasters of other libraries are masked where they have no data; the value below the mask counts nowhere."""
+    z = np.ma.masked_equal([[0, 1], [9, 3]], 9)
+    assert np.isnan(HeightMap(z=z, cell=0.1, origin=(0.0, 0.0)).z).tolist() == [[False, False], [True, False]]  # pyright: ignore[reportArgumentType]
+
+
 def test_unknown_corner_counts_only_with_weight() -> None:
     ground = HeightMap(z=np.array([[1, NAN], [1, 1]], dtype=np.float32), cell=1.0)
     assert ground.height_at(0.0, 0.0) == pytest.approx(1.0)

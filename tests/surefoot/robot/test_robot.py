@@ -1,4 +1,5 @@
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -150,6 +151,13 @@ def test_imu_profile_is_in_si():
 def test_a_bad_field_is_refused_by_name(load_changed, old, new, code, field):
     with expect_error(RobotError, code, field=field):
         load_changed(old, new)
+
+
+def test_an_error_names_the_file_before_the_field(load_changed):
+    with pytest.raises(RobotError) as caught:
+        load_changed("kp = 12.0", "kp = 0.0")
+    assert re.fullmatch(r"\S+\.toml: servos\.main\.kp: got 0\.0; .*", str(caught.value))
+    assert caught.value.message.startswith("got 0.0")
 
 
 def test_a_hexapod_with_four_legs_is_refused(load_changed):
