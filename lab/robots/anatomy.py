@@ -21,6 +21,8 @@ CORNER_RADIUS = 0.005
 """Largest radius, m, of the spheres that stand for the corners of a flat sole; half of a thinner box's thickness."""
 LEVEL_M = 0.005
 """Largest distance, m, of a box's lower face from that of the lowest box with which it forms a sole."""
+ONE_ROOT = "what works instead: a copy with the robot alone"
+"""End of the error on a file with several roots."""
 NO_MASS = 1e-9  # kg, what weighs less is nothing
 
 
@@ -92,7 +94,7 @@ def trunk_body(model: mujoco.MjModel) -> int:
     roots = [body for body in range(1, model.nbody) if parent[body] == 0 and body in moved]
     if len(free) > 1 or (not free and len(roots) != 1):
         names = ", ".join(repr(model.body(b).name) for b in (free or roots)) or "none"
-        raise RobotError("value", "worldbody", f"got {names} as roots, allowed is one root")
+        raise RobotError("value", "worldbody", f"got {names} as roots, allowed is one root; {ONE_ROOT}")
     return free[0] if free else roots[0]
 
 
@@ -103,13 +105,23 @@ def check_machine(model: mujoco.MjModel) -> None:
         if equal and model.eq_obj2id[i] >= 0:
             continue
         kind = mujoco.mjtEq(int(model.eq_type[i])).name.removeprefix("mjEQ_").lower()
-        text = f"got a {kind!r} constraint, allowed is a tree without closed loops; remove it in a copy"
-        raise RobotError("value", "equality", text)
+        name = f" {model.eq(i).name!r}" if model.eq(i).name else ""
+        bodies = " and ".join(repr(each) for each in _coupled(model, i))
+        text = f"got a {kind!r} constraint{name} of {bodies}, allowed is a tree without closed loops; "
+        raise RobotError("value", "equality", f"{text}what works instead: a copy without this constraint")
     for j in range(model.njnt):
         kind = mujoco.mjtJoint(int(model.jnt_type[j])).name.removeprefix("mjJNT_").lower()
         if kind in ("ball", "slide"):
             text = f"got {model.joint(j).name!r} of type {kind!r}, allowed are hinge joints; make it fixed in a copy"
             raise RobotError("value", "joint.type", text)
+
+
+def _coupled(model: mujoco.MjModel, i: int) -> list[str]:
+    """Return the names in the file of what the equality constraint `i` couples; the world's body is `world`."""
+    sites = model.eq_objtype[i] == int(mujoco.mjtObj.mjOBJ_SITE)
+    joints = model.eq_type[i] == int(mujoco.mjtEq.mjEQ_JOINT)
+    named = model.joint if joints else model.site if sites else model.body
+    return [named(int(j)).name for j in (model.eq_obj1id[i], model.eq_obj2id[i]) if j >= 0]
 
 
 def segments(model: mujoco.MjModel, trunk: int) -> list[Segment]:

@@ -25,6 +25,7 @@ from .anatomy import FileMark, pose
 from .inertia import mass_matrix
 from .notes import FILE, SOURCE, ImportNotes, read_notes, read_text
 from .source import BALANCED, compiled, is_urdf
+from .untrusted import parsed
 
 POSTURES = 20
 """Number of random postures, from a fixed seed, at which two descriptions of a robot are compared."""
@@ -115,7 +116,9 @@ def _read(folder: Path) -> tuple[Robot, ImportNotes, str]:
         if name not in robot.joint_names:
             known = ", ".join(robot.joint_names)
             raise RobotError("unknown_name", f"{FILE}.shared.{other}", f"got {name!r}, known are {known}")
-    return robot, notes, read_text(folder, SOURCE)
+    text = read_text(folder, SOURCE)
+    parsed(text.encode(), SOURCE)
+    return robot, notes, text
 
 
 def _largest(robot: Robot, theirs: Any) -> dict[str, float]:

@@ -6,8 +6,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from surefoot.files import read_regular
 from surefoot.robot.description import RobotError
 from surefoot.tables import FileModel, Text, Vector, Whole, validated
+
+from .untrusted import MOST_BYTES
 
 FILE, SOURCE = "import.json", "source.xml"
 """`FILE`: name of the notes of an import in the robot folder; `SOURCE`: name of the file with the imported XML."""
@@ -36,16 +39,19 @@ class ImportNotes(FileModel):
 
 
 def read_text(folder: Path, name: str) -> str:
-    """Return the content of a text file in a robot folder (raises RobotError: it is missing, unreadable or no text)."""
-    try:
-        return (folder / name).read_text(encoding="utf-8")
-    except FileNotFoundError:
+    """Return the content of a text file in a robot folder.
+
+    Raises:
+        RobotError: the file is missing or no text.
+        FileError: it cannot be opened, is no regular file, or has more than `MOST_BYTES`.
+    """
+    if not (folder / name).exists():
         needed = f"is not in {folder.name}: a robot made of a file has {FILE} and {SOURCE}"
-        raise RobotError("missing", name, needed) from None
+        raise RobotError("missing", name, needed)
+    try:
+        return read_regular(folder / name, MOST_BYTES).decode()
     except UnicodeDecodeError as error:
         raise RobotError("syntax", name, f"is no text in UTF-8: byte {error.start} is wrong") from None
-    except OSError as error:
-        raise RobotError("value", name, f"cannot be read: {error.strerror}") from None
 
 
 def read_notes(folder: Path) -> ImportNotes:

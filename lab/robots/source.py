@@ -15,10 +15,8 @@ from surefoot.files import read_regular
 from surefoot.robot.description import RobotError
 from surefoot.tables import shown
 
-MOST_BYTES = 16 * 1024 * 1024
-"""Largest size of a robot file, bytes; larger files are refused (a robot with many geoms has 1 MB)."""
-MOST_ELEMENTS, MOST_DEPTH = 50_000, 200
-"""`MOST_ELEMENTS`: largest number of XML elements in a robot file; `MOST_DEPTH`: their largest depth."""
+from .untrusted import MOST_BYTES, check_files, check_size, parsed
+
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 SMALLEST_INERTIA = 1e-12
 """Least principal inertia of a URDF link, kg m^2; smaller ones are raised to it, since MuJoCo refuses zero."""
@@ -48,8 +46,8 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
     Raises:
         RobotError: the file is no XML, declares an entity, includes a file outside its folder, or has markup in a name.
     """
-    root = _parse(path)
-    _check_size(root)
+    content = read_regular(path, MOST_BYTES)
+    root, left = parsed(content), MOST_BYTES - len(content)
     folder, count = path.resolve().parent, 0
     while (found := _include(root)) is not None:
         parent, element = found
@@ -60,8 +58,10 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
         if count > MOST_INCLUDES:
             raise RobotError("value", "include.file", f"got more than {MOST_INCLUDES} files, allowed are fewer")
         at = list(parent).index(element)
-        parent[at : at + 1] = list(_parse(inner))
-        _check_size(root)
+        content = read_regular(inner, left)
+        left -= len(content)
+        parent[at : at + 1] = list(parsed(content))
+        check_size(root)
     if root.tag not in ("mujoco", "robot"):
         raise RobotError("value", "file", f"got a root element {shown(root.tag)}, allowed are mujoco, robot")
     names = {element.get(key) for element in root.iter() for key in NAMING}
@@ -84,6 +84,7 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
         ):
             text = "without that of its meshes, which are not read; better: an <inertial> in the file"
             notes.append(f"mass of body {body.get('name')!r}: {text}")
+    check_files(root)
     _without_meshes(root)
     _check_masses(root)
     _repair_inertias(root, [] if notes is None else notes)
@@ -101,7 +102,10 @@ def _check_tree(root: ElementTree.Element) -> None:
         raise RobotError("value", "joint.child", text)
     roots = [name for link in root.findall("link") if (name := link.get("name", "")) not in children]
     if len(roots) > 1:
-        text = f"got {', '.join(map(shown, roots[:3]))} as roots, allowed is one root"
+        cure = f"with a fixed joint from {shown(roots[0])} to {shown(roots[1])}, or without its link"
+        text = (
+            f"got {', '.join(map(shown, roots[:3]))} as roots, allowed is one root; what works instead: a copy {cure}"
+        )
         raise RobotError("value", "link", text)
 
 
@@ -133,8 +137,8 @@ def check_name(name: str, field: str) -> None:
 
 
 def is_urdf(text: str) -> bool:
-    """Return True if a robot's XML text is a URDF, False if it is an MJCF."""
-    return ElementTree.fromstring(text).tag == "robot"
+    """Return True if a robot's XML text is a URDF, False if it is an MJCF (raises RobotError: it is no such XML)."""
+    return parsed(text.encode()).tag == "robot"
 
 
 def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple[mujoco.MjModel, bool]:
@@ -148,9 +152,10 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
         free: name of a root body that gets a free joint if it has none; None = no free joint is added.
 
     Raises:
-        RobotError: MuJoCo cannot read the text, or the model is no mechanism of finite numbers.
+        RobotError: MuJoCo cannot read the text or would open a file, or the model is no mechanism of finite numbers.
     """
-    spec = None
+    root, spec = parsed(text.encode()), None
+    check_files(root)
     try:
         spec = mujoco.MjSpec.from_string(text)
         mesh = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
@@ -158,7 +163,7 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
             spec.delete(geom)
         for thing in [*spec.skins, *spec.meshes, *spec.hfields]:
             spec.delete(thing)
-        if is_urdf(text):  # a link without inertial has no mass, whatever its shape is
+        if root.tag == "robot":  # a link without inertial has no mass, whatever its shape is
             spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
         if free is not None and not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
             root = spec.body(free)
@@ -214,42 +219,12 @@ def _finite(model: mujoco.MjModel) -> mujoco.MjModel:
     return model
 
 
-def _parse(path: Path) -> ElementTree.Element:
-    content = read_regular(path, MOST_BYTES)
-    declared = re.search(rb"<!\s*(DOCTYPE|ENTITY)", content)
-    if declared:
-        word = declared[1].decode()
-        raise RobotError("value", "file", f"got a {word} declaration, allowed is XML without DOCTYPE and ENTITY")
-    if b"\0" in content:
-        raise RobotError("syntax", "file", "got bytes of zero, allowed is XML in UTF-8")
-    try:
-        root = ElementTree.fromstring(content)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise RobotError("syntax", "file", f"got text that is no XML ({error}), allowed are MJCF and URDF") from None
-    return root
-
-
-def _check_size(root: ElementTree.Element) -> None:
-    """Raise RobotError if the XML has more than `MOST_ELEMENTS` elements, or nesting deeper than `MOST_DEPTH`."""
-    level, depth, count = [root], 0, 0
-    while level:
-        depth, count = depth + 1, count + len(level)
-        if depth > MOST_DEPTH or count > MOST_ELEMENTS:
-            most = f"{MOST_DEPTH} levels of" if depth > MOST_DEPTH else str(MOST_ELEMENTS)
-            raise RobotError("value", "file", f"got more than {most} elements, allowed are fewer")
-        level = [child for element in level for child in element]
-
-
 def _include(root: ElementTree.Element) -> tuple[ElementTree.Element, ElementTree.Element] | None:
     return next(((parent, child) for parent in root.iter() for child in parent if child.tag == "include"), None)
 
 
 def _without_meshes(root: ElementTree.Element) -> None:
-    """Remove visuals, textures and collision meshes; raise RobotError for a path that leaves the robot's folder."""
-    for element in root.iter():
-        name = element.get("file") or (element.get("filename") if element.tag == "mesh" else None) or ""
-        if ".." in name.split("/"):
-            raise RobotError("value", f"{element.tag}.file", f"got {shown(name)}, allowed is a file below the folder")
+    """Remove visuals, textures and collision meshes."""
     for parent in root.iter():
         for child in list(parent):
             looks = root.tag == "robot" and child.tag in ("visual", "transmission")
@@ -259,14 +234,21 @@ def _without_meshes(root: ElementTree.Element) -> None:
                 parent.remove(child)
     for element in root.iter("material"):
         element.attrib.pop("texture", None)
+    for element in root.iter("compiler"):  # MuJoCo looks for files there
+        for key in ("meshdir", "texturedir", "assetdir"):
+            element.attrib.pop(key, None)
 
 
 def _check_masses(root: ElementTree.Element) -> None:
-    for element in root.iter():
-        mass = element.get("mass") if element.tag in ("inertial", "geom") else None
-        mass = element.get("value") if element.tag == "mass" else mass
-        if mass is not None and mass.strip().startswith("-"):
-            raise RobotError("value", f"{element.tag}.mass", f"got {shown(mass)}, allowed is 0 or more")
+    """Raise RobotError for a negative mass, with the name of its body, link or geom."""
+    for body in root.iter():
+        for element in (*body.findall("geom"), *body.findall("inertial"), *body.findall("inertial/mass")):
+            mass = element.get("value" if element.tag == "mass" else "mass")
+            if mass is not None and mass.strip().startswith("-"):
+                text = (
+                    f"got {shown(mass)} of {body.tag} {shown(body.get('name', 'without a name'))}, allowed is 0 or more"
+                )
+                raise RobotError("value", "geom.mass" if element.tag == "geom" else "inertial.mass", text)
 
 
 def _repair_inertias(root: ElementTree.Element, notes: list[str]) -> None:
