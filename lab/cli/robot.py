@@ -52,6 +52,12 @@ def import_file(
         str, typer.Argument(help="MJCF or URDF file of a robot, or package:NAME/ROBOT of an installed package.")
     ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write [the file's name].")] = None,
+    imu: Annotated[
+        str | None,
+        typer.Option(
+            help="Site or link of the trunk with the inertial unit, or x,y,z in m in the trunk's frame [*imu*]."
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Write a robot folder from an MJCF or URDF file, and report what was found, assumed and missing."""
@@ -63,7 +69,7 @@ def import_file(
     file = source_file(source)
     out = out or Path(file.stem)
     refuse_unreachable(out, makes_folders=True)
-    made = import_robot(file, out)
+    made = import_robot(file, out, imu)
     worst = differences(out)
     if json:
         lists = {"found": made.found, "assumed": made.assumed, "missing": made.missing}

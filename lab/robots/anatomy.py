@@ -82,6 +82,18 @@ class FootPoint:
     spheres: list[FileMark]
 
 
+def floats(values: Array) -> list[float]:
+    """Return numbers as a list without -0."""
+    return [float(value) + 0.0 for value in values]
+
+
+def quaternion(rot: Array) -> list[float]:
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(rot).ravel())
+    return floats(quat / np.sqrt(quat @ quat))
+
+
 def trunk_body(model: mujoco.MjModel) -> int:
     """Return the index of the trunk: the body with the free joint, else the only root body that carries joints.
 

@@ -13,11 +13,17 @@ from .stance import can_stand, gait_numbers
 from .write import Imported, assume_rotors, imported, plain_name, stand_on, toml_text
 
 
-def import_robot(file: Path, out: Path) -> Imported:
+def import_robot(file: Path, out: Path, imu: str | None = None) -> Imported:
     """Import a robot file into a new folder with robot.toml, source.xml (without meshes) and import.json.
 
+    Args:
+        file: MJCF or URDF file.
+        out: folder to write.
+        imu: site or body of the trunk at which the inertial unit is, or `x,y,z` in m in the trunk's frame;
+            None = what is called imu, else the trunk's frame.
+
     Raises:
-        RobotError: the file describes no legged robot, or the folder `out` exists.
+        RobotError: the file describes no legged robot or has no such place, or the folder `out` exists.
     """
     if file.suffix not in (".xml", ".urdf", ".mjcf"):
         raise RobotError("value", "file", f"got {file.name!r}, allowed are *.xml, *.mjcf and *.urdf")
@@ -28,7 +34,7 @@ def import_robot(file: Path, out: Path) -> Imported:
     text = read_source(file, notes)
     model, balanced = compiled(text)
     name = plain_name(out.name)
-    made = imported(model, name if name[:1].isalpha() else f"robot_{name}".rstrip("_"))
+    made = imported(model, name if name[:1].isalpha() else f"robot_{name}".rstrip("_"), imu)
     made.assumed += notes
     if balanced:
         made.assumed.append(f"{BALANCED}: replaced by their mean")

@@ -17,7 +17,8 @@ from surefoot.robot.names import plain
 from surefoot.services.walker.biped.gait import BipedWalker
 from surefoot.services.walker.biped.params import BipedParams
 
-from .anatomy import FootPoint, Segment, check_machine, foot_of, segments, trunk_body
+from .anatomy import FootPoint, Segment, check_machine, floats, foot_of, quaternion, segments, trunk_body
+from .sensors import sensors
 from .stance import MOST_TORQUE, can_stand, doubts_of_axes, gait_on_two, standing, torque_limit
 
 STIFFNESS, DAMPING = 5.0, 0.1
@@ -49,8 +50,18 @@ class Imported:
     missing: list[str] = field(default_factory=list)
 
 
-def imported(model: mujoco.MjModel, name: str) -> Imported:
-    """Return the tables of a compiled robot (raises RobotError: no trunk, or not 2, 4 or 6 feet)."""
+def imported(model: mujoco.MjModel, name: str, imu: str | None = None) -> Imported:
+    """Return the tables of a compiled robot.
+
+    Args:
+        model: compiled model of the robot.
+        name: name of the robot.
+        imu: site or body of the trunk at which the inertial unit is, or `x,y,z` in m in the trunk's frame;
+            None = what is called imu, else the trunk's frame.
+
+    Raises:
+        RobotError: there is no trunk, not 2, 4 or 6 feet, or no such place of the inertial unit.
+    """
     check_machine(model)
     trunk = trunk_body(model)
     segs = segments(model, trunk)
@@ -75,23 +86,23 @@ def imported(model: mujoco.MjModel, name: str) -> Imported:
         if foot is not None:
             link = links[limb.index(foot.segment)]["name"]
             chain["foot"] = {
-                "source": "file", "link": link, "position": _floats(foot.position), "radius": foot.radius,
-                "points": [_floats(point) for point in foot.points],
+                "source": "file", "link": link, "position": floats(foot.position), "radius": foot.radius,
+                "points": [floats(point) for point in foot.points],
             }  # fmt: skip
             made.feet[label] = {
                 "body": model.body(segs[foot.segment].body).name, "centre": foot.centre, "spheres": foot.spheres,
-                "anchor": _floats(model.jnt_pos[segs[foot.segment].joint]),
+                "anchor": floats(model.jnt_pos[segs[foot.segment].joint]),
             }  # fmt: skip
             (made.assumed if "assumed" in foot.found else made.found).append(f"foot of {label}: {foot.found}")
         chains[label] = chain
         origin = base.rot.T @ (segs[limb[0]].origin - base.origin)
-        places.append({"name": label, "chain": label, "position": _floats(origin), "source": "file"})
+        places.append({"name": label, "chain": label, "position": floats(origin), "source": "file"})
         places[-1] |= _shared(model, segs[limb[0]].joint, links[0]["name"], f"{label}_{links[0]['name']}", made)
     made.tables = {
         "schema": "surefoot.robot.description/1", "name": name, "kind": KINDS[sum(f is not None for f in feet)],
         "description": f"{name}, imported", "sources": {"file": "the imported file", "assumed": "assumed by import"},
         "trunk": _trunk(base, places, made), "servos": servos, "chains": chains, "limbs": places,
-        **_sensors(model, segs, made),
+        **sensors(model, segs, imu, (made.found, made.assumed, made.missing)),
     }  # fmt: skip
     if others := {ours: theirs for ours, theirs in made.joints.items() if plain(theirs) != plain(ours)}:
         made.tables["other_names"] = others
@@ -215,10 +226,6 @@ def _value(value: Any) -> str:
     return json.dumps(value) if isinstance(value, str) else repr(value)
 
 
-def _floats(values: Array) -> list[float]:
-    return [float(value) + 0.0 for value in values]
-
-
 def _neutral(model: mujoco.MjModel, made: Imported) -> Array:
     """Return the joint angles (njnt,) rad of the keyframe `home`, else the middle of the joint limits."""
     keys = [model.key(i).name for i in range(model.nkey)]
@@ -281,14 +288,14 @@ def _link(
         low, high = -HALF_TURN, HALF_TURN
         made.assumed.append(f"limits of {model.joint(j).name}: -180 to 180 deg; better: a range in the file")
     low, high = max(math.degrees(low), -360.0), min(math.degrees(high), 360.0)
-    table: dict[str, Any] = {"name": name, "position": _floats(position), "quat_wxyz": _quat(up.rot.T @ s.rot)}
+    table: dict[str, Any] = {"name": name, "position": floats(position), "quat_wxyz": quaternion(up.rot.T @ s.rot)}
     if s.parent > 0:
         table["parent"] = _link_name(model, up, label)
     servo = _servo(model, j, made)
     key = next((k for k, v in servos.items() if v == servo), f"servo{len(servos)}")
     servos[key] = servo
     table |= {
-        "axis": _floats(model.jnt_axis[j]), "lower_deg": low, "upper_deg": high,
+        "axis": floats(model.jnt_axis[j]), "lower_deg": low, "upper_deg": high,
         "neutral_deg": min(max(math.degrees(angles[j]), low), high), "servo": key,
     }  # fmt: skip
     made.joints[f"{label}_{name}"] = model.joint(j).name
@@ -306,13 +313,7 @@ def _inertial(s: Segment) -> dict[str, Any]:
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1.0
     box = np.sqrt(np.maximum(6.0 / s.mass * (size.sum() - 2.0 * size), SMALLEST_BOX**2))
-    return {"mass": s.mass, "com": _floats(s.com), "inertia_box": _floats(box), "inertia_quat_wxyz": _quat(axes)}
-
-
-def _quat(rot: Array) -> list[float]:
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(rot).ravel())
-    return _floats(quat / np.sqrt(quat @ quat))
+    return {"mass": s.mass, "com": floats(s.com), "inertia_box": floats(box), "inertia_quat_wxyz": quaternion(axes)}
 
 
 def _servo(model: mujoco.MjModel, joint: int, made: Imported) -> dict[str, Any]:
@@ -351,35 +352,6 @@ def _trunk(base: Segment, places: list[dict[str, Any]], made: Imported) -> dict[
     box = np.maximum(2.0 * reach, 0.1)
     half = 0.4 * box
     belly = [{"position": [x * half[0], y * half[1], 0.0], "radius": 0.05} for x in (-1, 1) for y in (-1, 1)]
-    belly = [{"position": _floats(np.array(b["position"])), "radius": b["radius"]} for b in belly]
+    belly = [{"position": floats(np.array(b["position"])), "radius": b["radius"]} for b in belly]
     made.assumed.append("trunk box and belly spheres: from the places of the hips; better: box and belly in [trunk]")
-    return {"source": "file", "box": _floats(box), "belly": belly} | _inertial(base)
-
-
-def _sensors(model: mujoco.MjModel, segs: list[Segment], made: Imported) -> dict[str, Any]:
-    """Return the sensor tables: position of the IMU from a trunk site or body named imu, else an assumed one."""
-    data, base = mujoco.MjData(model), segs[0]
-    mujoco.mj_kinematics(model, data)
-    at, axes = data.xpos[base.body], data.xmat[base.body].reshape(3, 3)
-    spots = [
-        (model.site(i).name, data.site_xpos[i], data.site_xmat[i], model.site_bodyid[i]) for i in range(model.nsite)
-    ]
-    spots += [(model.body(i).name, data.xpos[i], data.xmat[i], i) for i in base.bodies]
-    imu = next((s for s in spots if "imu" in s[0].lower() and s[3] in base.bodies), None)
-    position, quat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
-    if imu is None:
-        made.assumed.append("inertial unit: at the trunk's frame; better: a site imu in the trunk, or [imu]")
-    else:
-        position, quat = _floats(axes.T @ (imu[1] - at)), _quat(axes.T @ imu[2].reshape(3, 3))
-        made.found.append(f"inertial unit: {imu[0]!r}")
-    weight = 9.81 * sum(s.mass for s in segs)
-    made.missing += ["noise of the inertial unit (that of adis16365 is taken)", "contact thresholds"]
-    return {
-        "imu": {"source": "assumed", "profile": "adis16365", "position": position, "quat_wxyz": quat},
-        "contacts": {
-            "source": "assumed", "kind": "switch", "switches": 1, "on_n": 0.03 * weight, "off_n": 0.02 * weight,
-        },
-        "encoders": {"source": "assumed", "resolution_deg": 0.0, "zero_sigma_deg": 0.0},
-        "current": {"source": "assumed", "torque_per_ampere": 1.0, "noise_ampere": 0.0},
-        "gait": {"source": "assumed"},
-    }  # fmt: skip
+    return {"source": "file", "box": floats(box), "belly": belly} | _inertial(base)
