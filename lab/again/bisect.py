@@ -2,7 +2,7 @@
 
 import json
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,10 @@ class FirstDifference:
 
 
 def first_difference(
-    a: Path | ReadableRecording, b: Path | ReadableRecording, progress: Callable[[float], None] | None = None
+    a: Path | ReadableRecording,
+    b: Path | ReadableRecording,
+    progress: Callable[[float], None] | None = None,
+    keys: Collection[str] | None = None,
 ) -> FirstDifference | None:
     """Return the first difference of the deterministic messages of two recordings; None = there is none.
 
@@ -53,16 +56,17 @@ def first_difference(
     Args:
         a, b: MCAP files, or recordings that are open.
         progress: called with the share of `a` that has been read, 0 to 1.
+        keys: keys of the topics to compare; None = all deterministic ones.
 
     Raises:
         SurefootError: a file cannot be read, or both have no key in common.
     """
     x, y = open_readable(a), open_readable(b)
-    keys = _keys(x), _keys(y)
-    if not keys[0] & keys[1]:
+    both = _keys(x, keys), _keys(y, keys)
+    if not both[0] & both[1]:
         raise SurefootError("invalid", f"{x.path} and {y.path} have no deterministic topic in common", "recording")
-    pairing = _Pairing(keys, (bool(x.damage), bool(y.damage)))
-    one, other = (tuple(sorted(own)) for own in keys)
+    pairing = _Pairing(both, (bool(x.damage), bool(y.damage)))
+    one, other = (tuple(sorted(own)) for own in both)
     streams = x.messages(one, progress, gapless=True), y.messages(other, gapless=True)
     ahead = [next(stream, None) for stream in streams]
     while (side := _earlier(ahead)) is not None:
@@ -139,8 +143,8 @@ def _absent(item: Recorded, side: int) -> FirstDifference:
     return FirstDifference(item.key, int(_content(item).get("tick", -1)), "", *there)
 
 
-def _keys(recording: ReadableRecording) -> set[str]:
-    return {key for key in recording.found.messages if key in COMPARED}
+def _keys(recording: ReadableRecording, wanted: Collection[str] | None) -> set[str]:
+    return {key for key in recording.found.messages if key in COMPARED and (wanted is None or key in wanted)}
 
 
 def _content(item: Recorded) -> dict[str, Any]:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 Recording = Annotated[Path, typer.Argument(help="MCAP file of a run.")]
+PACED = "it was no import: ticks that were left out or late, and a configured estimator, do not repeat to the bit"
+"""Note on a run with its own clock whose estimates differ when they are computed again."""
 Keep = Annotated[Path | None, typer.Option("--out", "-o", help="Keep the repetition as this MCAP file.")]
 
 
@@ -62,7 +64,8 @@ def verify(
 ) -> None:
     """Repeat a run from its recording alone and compare every deterministic message. Exit code 1: it differs.
 
-    The scenario, the seed and the delay come from the recording; the run takes place in this process. Without a
+    The scenario, the seed and the delay come from the recording; the run takes place in this process. Of an imported
+    log, or a robot's run without a scenario, the estimates are computed again from its sensor messages. Without a
     recording it repeats the runs of the public list (scenario, seed, hash): some minutes.
     """
     use_json(json)
@@ -77,11 +80,16 @@ def verify(
         refuse_existing(out, force=False)
     with Progress(near(file), reads=[file]):
         notify(f"surefoot: repeating the run of {near(file)}")
+        from surefoot.record.recording import open_readable
+
         from .repeat import RecordedRun
         from .repeat import verify as repeat
+        from .sensors import RecordedLog, without_scenario
 
-        run = RecordedRun.of(file)
-    _warm(run.scenario)
+        recording = open_readable(file)
+        run = RecordedLog.of(recording) if without_scenario(recording) else RecordedRun.of(file)
+    if isinstance(run, RecordedRun):
+        _warm(run.scenario)
     with Progress(near(file)) as progress:
         found = repeat(run, out, progress.at)
     if json:
@@ -97,6 +105,10 @@ def verify(
         elif found.recorded != found.repeated:
             write(f"keys that differ: {', '.join(found.keys) or 'not recorded'}")
             _show(found.first)
+        if isinstance(run, RecordedLog):
+            write("note      no scenario: compared are the sensor messages, and what the services compute from them")
+        if isinstance(run, RecordedLog) and not run.imported and not found.same:
+            write(f"note      {PACED}")
         for line in _ending(found):
             write(line)
     if not found.same:

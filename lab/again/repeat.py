@@ -16,16 +16,17 @@ from surefoot.errors import SurefootError
 from surefoot.lockstep.local import LocalSystem
 from surefoot.record.recording import HASHES, SUMMARY, ReadableRecording, open_readable, recording_info, topic_of
 from surefoot.record.runhash import RunHash
-from surefoot.robot.description import RobotError
-from surefoot.robot.reader import ROBOT_FILE, load_robot
 from surefoot.schemas.footholds import SelectReply
 from surefoot.schemas.sim import FaultRequest, PushRequest, SetRequest
 from surefoot.schemas.topics import FOOTHOLDS_SELECT, HW_TICK, TICK_S, Kind
-from surefoot.services.supervisor.scenarios.recorded import RUN, VERSIONS, recorded_scenario
+from surefoot.services.supervisor.scenarios.recorded import RUN, present_versions, recorded_scenario
 from surefoot.services.supervisor.scenarios.scenario import Scenario, Step
 
 from ..runs.local import run_local
 from .bisect import FirstDifference, first_difference
+from .robots import attached_robot
+from .sensors import RecordedLog
+from .versions import recorded_versions
 
 WORLD = ("friction", "mass", "servo")
 """Quantities of the simulated world that `whatif` can change: friction coefficient, factors on mass and servo gain."""
@@ -85,7 +86,7 @@ class RecordedRun:
         last = min(scenario.max_ticks - 1, int(recording.end_ns * 1e-9 / TICK_S))
         return cls(
             recording, scenario, int(run["seed"]), summary.get("run_hash", ""),
-            metadata.get(HASHES, {}), run.get("robot_hash", ""), _versions(metadata),
+            metadata.get(HASHES, {}), run.get("robot_hash", ""), recorded_versions(metadata),
             int(summary.get("last_tick", last)) + 1, recording.found.attachments,
         )  # fmt: skip
 
@@ -116,21 +117,10 @@ class RecordedRun:
 
     def _with_files(self, folder: Path) -> Scenario:
         """Return the scenario with the recorded copies in place of files that are missing or have changed since."""
-        robot, scenario, attached = self.scenario.robot or "", self.scenario, self.files.get(ROBOT_FILE)
-        try:
-            same = self.robot_hash in ("", load_robot(robot).hash)
-        except RobotError:
-            if attached is None:
-                raise
-            same = False
-        if not same:
-            own = folder / ROBOT_FILE
-            own.write_bytes(attached or b"")
-            if attached is None or load_robot(own).hash != self.robot_hash:
-                raise SurefootError(
-                    "invalid", f"{self.recording.path}: robot {robot!r} has changed since", "robot_hash"
-                )
-            scenario = replace(scenario, robot=str(folder))
+        scenario, recorded = self.scenario, self.scenario.robot or ""
+        robot = attached_robot(self.recording, recorded, self.robot_hash, folder)
+        if robot != recorded:
+            scenario = replace(scenario, robot=robot)
         config = {service: dict(fields) for service, fields in scenario.config.items()}
         for service, fields in config.items():
             for name, value in fields.items():
@@ -197,12 +187,13 @@ def kept(out: Path | None) -> Generator[Path]:
 
 
 def verify(
-    run: RecordedRun, keep: Path | None = None, progress: Callable[[float], None] = lambda share: None
+    run: RecordedRun | RecordedLog, keep: Path | None = None, progress: Callable[[float], None] = lambda share: None
 ) -> Verification:
     """Repeat a run from its recording alone, and return the comparison with it.
 
     Args:
-        run: recorded run in lockstep.
+        run: recorded run in lockstep, or recording without a scenario, of which what follows from its sensor messages
+            is repeated.
         keep: recording of the repetition to keep; None = it is deleted.
         progress: called with the share that is done, 0 to 1.
 
@@ -211,26 +202,24 @@ def verify(
     """
     altered = () if run.recording.damage else _altered(run)
     with kept(keep) as target:
-        found = run.again(target, progress=progress)
+        found, keys = run.again(target, progress=progress), None
         metadata = recording_info(target)["metadata"]
-        now, digests = _versions(metadata), metadata.get(HASHES, {})
+        now, digests = recorded_versions(metadata), metadata.get(HASHES, {})
+        if isinstance(run, RecordedLog):
+            found, keys, now = run.hash_of(digests), run.compared, {**now, **present_versions()}
         changed = {n: (v, now.get(n, "absent")) for n, v in run.versions.items() if now.get(n) != v}
         if run.recording.damage:
-            first, last = first_difference(run.recording, target), max(piece.end_ns for piece in run.recording.gapless)
+            last = max(piece.end_ns for piece in run.recording.gapless)
+            first = first_difference(run.recording, target, keys=keys)
             return Verification(run.run_hash, found, (), first, changed, (), run.recording.damage, last * 1e-9)
         if found == run.run_hash:
             return Verification(run.run_hash, found, (), None, changed, altered)
-        keys = sorted(k for k in {*run.hashes, *digests} if run.hashes.get(k) != digests.get(k))
-        return Verification(run.run_hash, found, tuple(keys), first_difference(run.recording, target), changed, altered)
+        differ = sorted(k for k in keys or {*run.hashes, *digests} if run.hashes.get(k) != digests.get(k))
+        first = first_difference(run.recording, target, keys=keys)
+        return Verification(run.run_hash, found, tuple(differ), first, changed, altered)
 
 
-def _versions(metadata: dict[str, dict[str, str]]) -> dict[str, str]:
-    """Return the versions of surefoot, libraries and interpreter that computed a run, by name, surefoot first."""
-    own = metadata.get(RUN, {}).get("version")
-    return ({} if own is None else {"surefoot": own}) | metadata.get(VERSIONS, {})
-
-
-def _altered(run: RecordedRun) -> tuple[str, ...]:
+def _altered(run: RecordedRun | RecordedLog) -> tuple[str, ...]:
     """Return the keys whose messages in the file have another digest than the recorded one."""
     found = RunHash()
     for item in run.recording.messages(tuple(run.hashes) or ("",)):

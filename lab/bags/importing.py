@@ -1,27 +1,33 @@
 """Import of a log as a recording: its samples pass through the services as they would on the live robot."""
 
+import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from surefoot.errors import SurefootError
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import Driver, DueSample
 from surefoot.lockstep.intake import Intake
 from surefoot.lockstep.local import LocalSystem
-from surefoot.robot.reader import load_robot
+from surefoot.lockstep.service import Service
+from surefoot.robot.reader import ROBOT_FILE, load_robot, robot_file
 from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS, HW_TICK, SIM_JOIN, TICK_NS
-from surefoot.services.estimator.config import EstimatorConfig
 from surefoot.services.estimator.service import EstimatorService
 from surefoot.services.recorder.service import Recorder, RecorderConfig
-from surefoot.services.stability.config import StabilityConfig
 from surefoot.services.stability.service import Stability
+from surefoot.services.supervisor.scenarios.recorded import present_versions
 
 from .fit import RobotLog
 
 FEWEST_ROWS = 50
 """Least number of inertial samples in a log to import; shorter logs are refused."""
+SERVICES: tuple[type[Service[Any]], ...] = (EstimatorService, Stability)
+"""Services that compute from the sensor samples of a log alone, in the order of their ticks."""
+IMPORTED = "imported"
+"""Mode of a run that was imported, in the metadata of its recording."""
 
 
 class Player(Driver[ServiceConfig]):
@@ -72,6 +78,36 @@ def _merged(log: RobotLog) -> list[tuple[int, int, int]]:
     )
 
 
+def play(
+    player: Driver[Any],
+    recorder: RecorderConfig,
+    services: Sequence[str],
+    last_tick: int,
+    progress: Callable[[float], None] = lambda share: None,
+) -> None:
+    """Pass the samples of a driver through services in lockstep and in this process, and record what they publish.
+
+    Args:
+        player: driver that publishes the samples.
+        recorder: configuration of the recorder, with the robot of all.
+        services: names of the services, of those in `SERVICES`.
+        last_tick: last control tick.
+        progress: called with the share that is done, 0 to 1.
+    """
+    others = [kind(kind.Config(robot=recorder.robot)) for kind in SERVICES if kind.name in services]
+    writer = Recorder(recorder)
+    writer.timed = False
+    system = LocalSystem([player, *others, writer])
+    try:
+        player.node.begin(tuple(one.name for one in (*others, writer)), "lockstep", 0.0, 1, "fail", 0)
+        leader = player.node.leader
+        leader.end_tick = last_tick
+        system.bus.subscribe(HW_TICK, lambda delivery: progress(delivery.header().tick / max(1, last_tick)))
+        system.run_until(lambda: leader.state == "ended" and leader.all_done())
+    finally:
+        system.close()
+
+
 def check_out(out: Path) -> None:
     """Raise SurefootError if the recording of a log cannot be written to `out`: a name without .mcap, or one taken."""
     if out.suffix.lower() != ".mcap":
@@ -103,18 +139,10 @@ def record(log: RobotLog, robot: str, out: Path, progress: Callable[[float], Non
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
         part = Path(folder) / out.name
         player = Player(ServiceConfig(robot=robot), log)
-        estimator = EstimatorService(EstimatorConfig(robot=robot))
-        stability = Stability(StabilityConfig(robot=robot))
-        recorder = Recorder(RecorderConfig(robot=robot, path=str(part)))
-        recorder.timed = False
-        system = LocalSystem([player, estimator, stability, recorder])
-        try:
-            player.node.begin((estimator.name, stability.name, recorder.name), "lockstep", 0.0, 1, "fail", 0)
-            leader = player.node.leader
-            leader.end_tick = player.last_tick
-            system.bus.subscribe(HW_TICK, lambda delivery: progress(delivery.header().tick / player.last_tick))
-            system.run_until(lambda: leader.state == "ended" and leader.all_done())
-        finally:
-            system.close()
+        others = tuple(one.name for one in SERVICES)
+        run = {"mode": IMPORTED, "services": " ".join(others), "robot_hash": player.intake.robot.hash}
+        files = {ROBOT_FILE: str(robot_file(robot))}
+        about = json.dumps({"run": run, "versions": present_versions(), "files": files})
+        play(player, RecorderConfig(robot=robot, path=str(part), about=about), others, player.last_tick, progress)
         part.replace(out)
     return player

@@ -51,7 +51,7 @@ def about_run(
         "actuation_delay_ticks": str(request.actuation_delay_ticks),
         "world": request.world.model_dump_json(exclude_none=True),
     }  # fmt: skip
-    tables: dict[str, dict[str, str]] = {RUN: run, VERSIONS: _versions(), FILES: dict(files or {})}
+    tables: dict[str, dict[str, str]] = {RUN: run, VERSIONS: present_versions(), FILES: dict(files or {})}
     if scenario is not None:
         run["scenario"] = scenario.name
         text = json.dumps(scenario_table(scenario))
@@ -99,7 +99,8 @@ def recorded_scenario(metadata: dict[str, dict[str, str]], path: Path) -> Scenar
         raise ScenarioError("syntax", "scenario", f"is not JSON: {error}", str(path)) from None
 
 
-def _versions() -> dict[str, str]:
+def present_versions() -> dict[str, str]:
+    """Return the versions of interpreter, machine and libraries that compute here, by name."""
     found = {"python": platform.python_version(), "machine": platform.machine(), "numbers": numbers()}
     for name in _COMPUTING:
         try:
