@@ -71,6 +71,23 @@ def test_ros2_bag_and_table_give_the_bits_of_the_ros1_bag(
     same(walk, folder / "table.mcap")
 
 
+def test_a_bare_mcap_file_and_an_npz_table_give_the_bits_of_the_ros1_bag(
+    walk: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_ros2(folder / "three", sway(), NAMES, mcap=True)
+    (file,) = bag.glob("*.mcap")
+    bare = file.rename(folder / "bare_log.mcap")
+    imported(capsys, bare, folder / "bare.mcap", *FORCES)
+    same(walk, folder / "bare.mcap")
+    log, legs = sway(), load_robot(ROBOT).leg_names
+    np.savez(
+        folder / "table.npz", stamp_ns=log.stamp_ns, gyro=log.gyro, acc=log.acc, foot_stamp_ns=log.stamp_ns,
+        joints=log.joints, joint_names=NAMES, force=log.raw[:, [ORDER.index(leg) for leg in legs]],
+    )  # fmt: skip
+    imported(capsys, folder / "table.npz", folder / "npz.mcap")
+    same(walk, folder / "npz.mcap")
+
+
 def test_the_next_commands_of_a_file_with_a_space_can_be_pasted(
     walk: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

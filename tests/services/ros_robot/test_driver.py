@@ -42,7 +42,7 @@ def driver(net: Net, **more: Any) -> RosRobot:
     return RosRobot(RosRobotConfig(contacts_type="sensor_msgs/msg/JointState", **config))
 
 
-def ran(made: RosRobot, out: Path) -> Columns:
+def ran(made: Any, out: Path, last_tick: int = LAST_TICK) -> Columns:
     """Return what the services recorded of the queued messages, in lockstep."""
     others = [
         EstimatorService(EstimatorConfig(robot=ROBOT)), Stability(StabilityConfig(robot=ROBOT)),
@@ -50,7 +50,7 @@ def ran(made: RosRobot, out: Path) -> Columns:
     ]  # fmt: skip
     system = LocalSystem([made, *others])
     made.node.begin(tuple(each.name for each in others), "lockstep", 0.0, 1, "fail", 0)
-    made.node.leader.end_tick = LAST_TICK
+    made.node.leader.end_tick = last_tick
     system.run_until(lambda: made.node.leader.state == "ended" and made.node.leader.all_done())
     system.close()
     return recorded_columns(out)[0]

@@ -109,6 +109,20 @@ def test_messages_give_the_bits_of_the_bag(tmp_path: Path, first_ms: int) -> Non
     assert len(live["published_position"]) == LAST_TICK + 1
 
 
+@pytest.mark.parametrize("later_ms", [2800, 0])
+def test_a_clock_that_jumps_back_is_counted_and_time_goes_on(tmp_path: Path, later_ms: int) -> None:
+    rows = [*states(5000)[:400], *states(later_ms)[: len(states()) - 400]]  # back by 3 s, or from 0: a reboot
+    made = Quiet(driver().config)
+    start = made.on_start
+    made.on_start = lambda: (start(), [made.take(memory_of(state)) for state in rows])  # type: ignore[method-assign]
+    live = ran(made, tmp_path / "live.mcap")
+    assert dict(made.intake.refused) == {"clock": 1}
+    assert len(live["published_position"]) == LAST_TICK + 1
+    assert len(live["joints"]) == len(live["gyro"]) == LAST_TICK + 1
+    assert np.isfinite(live["published_position"]).all()
+    assert live["published_flags"][-1, 0] > 0.5  # initialised
+
+
 def test_check_sum_is_the_one_of_its_definition() -> None:
     state = states()[5]
     assert struct.calcsize(PACKED) == 1180
