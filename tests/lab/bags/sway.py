@@ -17,6 +17,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from surefoot.geometry.constants import GRAVITY
+from surefoot.record.columns import recorded_columns
 from surefoot.robot.kinematics import foot_positions, legs_ik
 from surefoot.robot.reader import load_robot
 
@@ -60,6 +61,22 @@ def sway(seconds: float = 1.6, rate_hz: int = 500) -> Sway:
     gyro = rng.normal(0.0, 0.003, (len(t), 3))
     parts = (gyro, acc, joints, ZERO + PER_NEWTON * force)
     return Sway(stamps, *(part.astype(np.float32) for part in parts))
+
+
+def recorded_walk(path: Path, rate_hz: int) -> Sway:
+    """Return the sensor numbers of a recorded walk at a rate; standing feet weigh 45 N, lifted ones 3 N."""
+    c = recorded_columns(path)[0]
+    first, last = (fit(c["stamp_ns"][k], c["joints_stamp_ns"][k]) for fit, k in ((max, 0), (min, -1)))
+    at = first + np.arange((last - first) * rate_hz // 10**9 + 1) * (10**9 // rate_hz)
+    row = np.searchsorted(c["joints_stamp_ns"], at, side="right") - 1
+    force = np.where(c["touch"][row] > 0.5, 45.0, 3.0)[:, [load_robot(ROBOT).leg_names.index(leg) for leg in ORDER]]
+
+    def between(stamps: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.column_stack([np.interp(at, stamps, column) for column in values.T])
+
+    parts = (between(c["stamp_ns"], c["gyro"]), between(c["stamp_ns"], c["acc"]))
+    rest = (between(c["joints_stamp_ns"], c["joints"]), force)
+    return Sway(START_NS + at - first, *(part.astype(np.float32) for part in (*parts, *rest)))
 
 
 def messages(log: Sway, store: Any, names: Sequence[str], frame: str = "imu_link") -> dict[str, list[tuple[int, Any]]]:

@@ -11,7 +11,7 @@ from surefoot.lab.cli.main import main
 from surefoot.lab.runs.local import run_local
 from surefoot.record.columns import Columns, recorded_columns
 from surefoot.services.supervisor.scenarios.scenario import parse_scenario
-from tests.lab.bags.sway import MS, ORDER, ROBOT, START_NS, Sway, messages, write_csv, write_ros2
+from tests.lab.bags.sway import MS, ORDER, ROBOT, START_NS, Sway, messages, recorded_walk, write_csv, write_ros2
 from tests.services.ros_robot import test_driver as ros
 from tests.surefoot.net import Net
 
@@ -38,14 +38,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Sway:
     """The sensor numbers of a walk as every way can carry them: float32, and forces in whole newtons."""
     path = tmp_path_factory.mktemp("walk") / "run.mcap"
     run_local(parse_scenario(WALK), 1, recording=path)
-    c = recorded_columns(path)[0]
-    rows = np.searchsorted(c["joints_stamp_ns"], c["stamp_ns"], side="right") - 1
-    first = int(np.argmax(rows >= 0))
-    force = np.where(c["touch"][rows[first:]] > 0.5, 45.0, 3.0)  # whole newtons
-    order = [ros.load_robot(ROBOT).leg_names.index(leg) for leg in ORDER]
-    parts = (c["gyro"][first:], c["acc"][first:], c["joints"][rows[first:]], force[:, order])
-    stamps = START_NS + np.arange(len(force), dtype=np.int64) * 10 * MS
-    log = Sway(stamps, *(part.astype(np.float32) for part in parts))
+    log = recorded_walk(path, 100)
     assert (log.raw[100:].min(axis=0) < 12.0).any()  # a foot lifts
     return log
 
