@@ -62,7 +62,7 @@ def copied_meshes(root: ElementTree.Element, source: Path, out: Path) -> tuple[l
                     why = f"is unreadable, or more than {MOST_MESH_BYTES} bytes with those before it"
             if why:
                 refused.add(name)
-                notes.append(f"mesh of {shown(name)}: {why}, so it is not drawn; physics does not need it")
+                notes.append(f"mesh of {shown(name)}: {why}, so it is not copied; physics does not need it")
         if name in names:
             found.append({"file": names[name], **place})
     if not names:
