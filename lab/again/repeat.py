@@ -206,7 +206,7 @@ def verify(
         metadata = recording_info(target)["metadata"]
         now, digests = recorded_versions(metadata), metadata.get(HASHES, {})
         if isinstance(run, RecordedLog):
-            found, keys, now = run.hash_of(digests), run.compared, {**now, **present_versions()}
+            keys, now = run.compared, {**now, **present_versions()}
         changed = {n: (v, now.get(n, "absent")) for n, v in run.versions.items() if now.get(n) != v}
         if run.recording.damage:
             last = max(piece.end_ns for piece in run.recording.gapless)

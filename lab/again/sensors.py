@@ -11,9 +11,18 @@ from typing import Any
 from surefoot.errors import SurefootError
 from surefoot.lockstep.config import ServiceConfig
 from surefoot.lockstep.driver import Driver, DueSample
-from surefoot.record.recording import HASHES, SUMMARY, ReadableRecording, Recorded, topic_of
+from surefoot.record.recording import HASHES, SUMMARY, ReadableRecording, Recorded, recording_info, topic_of
 from surefoot.schemas.hw import JointCommand
-from surefoot.schemas.topics import SIM_JOIN, STATE_VELOCITY, TICK_NS
+from surefoot.schemas.topics import (
+    HW_CONTACTS,
+    HW_EXTERNAL,
+    HW_IMU,
+    HW_JOINTS,
+    SIM_JOIN,
+    STATE_VELOCITY,
+    TICK_NS,
+    Topic,
+)
 from surefoot.services.estimator.service import EstimatorService
 from surefoot.services.recorder.config import RecorderConfig
 from surefoot.services.supervisor.scenarios.recorded import RUN, SCENARIO
@@ -22,8 +31,9 @@ from ..bags.importing import IMPORTED, SERVICES, play
 from .robots import attached_robot
 from .versions import recorded_versions
 
-SENSORS = tuple(topic.key for topic in EstimatorService.inputs)
-"""Keys of the sensor messages from which estimates are computed again."""
+SENSED: tuple[Topic[Any], ...] = (HW_IMU, HW_JOINTS, HW_CONTACTS, HW_EXTERNAL)
+SENSORS = tuple(topic.key for topic in SENSED)
+"""`SENSED`: topics of the sensor messages from which estimates are computed again; `SENSORS`: their keys."""
 
 
 def without_scenario(recording: ReadableRecording) -> bool:
@@ -45,8 +55,9 @@ class RecordedSensors(Driver[ServiceConfig]):
                 "invalid", f"{recording.path} has no sensor messages: {', '.join(SENSORS)}", "recording"
             )
         first: Any = self._next.message()
-        self.name, self.epoch = first.source, first.epoch
-        self.outputs = tuple(topic for topic in EstimatorService.inputs if topic.key in recording.found.messages)
+        self.name = first.source  # pyright: ignore[reportAttributeAccessIssue] - of the driver that is played again
+        self.epoch = first.epoch
+        self.outputs = tuple(topic for topic in SENSED if topic.key in recording.found.messages)
         self._waiting: defaultdict[int, list[DueSample]] = defaultdict(list)
 
     def on_begin(self) -> None:
@@ -121,8 +132,8 @@ class RecordedLog:
         lines = "".join(f"{key}={digests[key]}\n" for key in sorted(self.compared))
         return hashlib.sha256(lines.encode()).hexdigest()
 
-    def again(self, to: Path, progress: Callable[[float], None] = lambda share: None) -> None:
-        """Compute the estimates again, and write them with the sensor messages to another recording.
+    def again(self, to: Path, progress: Callable[[float], None] = lambda share: None) -> str:
+        """Compute the estimates again, write them with the sensor messages to another recording; return their hash.
 
         Args:
             to: recording to write.
@@ -138,3 +149,4 @@ class RecordedLog:
             robot = attached_robot(recording, run.get("robot", ""), run.get("robot_hash", ""), Path(folder))
             player = RecordedSensors(ServiceConfig(robot=robot), recording)
             play(player, RecorderConfig(robot=robot, path=str(to)), self.services, last, progress)
+        return self.hash_of(recording_info(to)["metadata"].get(HASHES, {}))
