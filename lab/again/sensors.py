@@ -57,7 +57,8 @@ class RecordedSensors(Driver[ServiceConfig]):
         first: Any = self._next.message()
         self.name = first.source  # pyright: ignore[reportAttributeAccessIssue] - of the driver that is played again
         self.epoch = first.epoch
-        self.outputs = tuple(topic for topic in SENSED if topic.key in recording.found.messages)
+        present = tuple(topic for topic in SENSED if topic.key in recording.found.messages)
+        self.outputs = present  # pyright: ignore[reportAttributeAccessIssue] - those that the recording has
         self._waiting: defaultdict[int, list[DueSample]] = defaultdict(list)
 
     def on_begin(self) -> None:
