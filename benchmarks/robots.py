@@ -60,7 +60,6 @@ SHOWN = (
 FAKE = Path(__file__).parents[1] / "examples" / "unitree" / "fake.py"
 DOMAIN = 91
 """DDS domain number of the fake Go2."""
-LOOPBACK = "<General><Interfaces><NetworkInterface name='lo'/></Interfaces></General>"
 SETTLE_S = 3.0
 """Wall time before the load of processes is measured, s."""
 PERTURBED = 1.0
@@ -315,15 +314,16 @@ def log(*, seconds: float = 60.0, rate_hz: int = 200) -> None:
 
 def bare_reader(domain: int) -> None:
     """Take and decode the `rt/lowstate` messages of a DDS domain once in a tick, until the process ends."""
-    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.domain import Domain, DomainParticipant
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
 
-    from surefoot.services.unitree.messages import LOW_STATE, LowState
+    from surefoot.services.unitree.messages import LOW_STATE, ON_INTERFACE, LowState
     from surefoot.services.unitree.service import MOST
 
-    participant = DomainParticipant(domain)
+    loopback = Domain(domain, ON_INTERFACE.format("lo"))
+    participant = DomainParticipant(loopback.domain_id)
     quality = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(MOST))
     reader = DataReader(participant, Topic(participant, LOW_STATE, LowState), quality)
     while True:
@@ -342,10 +342,7 @@ def load(robot: str = f"{GYM}/go2", /, *, seconds: float = 20.0) -> None:
         robot: PACKAGE/ROBOT or the name of one of ours.
         seconds: wall time of each measurement.
     """
-    os.environ |= {
-        "SUREFOOT_UNITREE_DOMAIN": str(DOMAIN),
-        "CYCLONEDDS_URI": f"<CycloneDDS><Domain>{LOOPBACK}</Domain></CycloneDDS>",
-    }
+    os.environ["SUREFOOT_UNITREE_DOMAIN"] = str(DOMAIN)
     reader = [sys.executable, "-c", f"from benchmarks.robots import bare_reader; bare_reader({DOMAIN})"]
     with (
         placed(robot) as place,

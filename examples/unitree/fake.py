@@ -1,14 +1,15 @@
-"""A Go2 that is none: publishes `rt/lowstate` over DDS at 500 Hz, standing still. `python examples/unitree/fake.py`."""
+"""A Go2 that is none: publishes `rt/lowstate` over DDS on loopback at 500 Hz, standing still."""
 
 import sys
 import time
 
-from cyclonedds.domain import DomainParticipant
+from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 
 from surefoot.services.unitree.messages import (
     LOW_STATE,
+    ON_INTERFACE,
     BatteryState,
     ImuState,
     LowState,
@@ -34,7 +35,8 @@ def low_state(tick_ms: int, joints: list[float], gyro: list[float], acc: list[fl
 
 def main(domain: int, seconds: float) -> None:
     """Publish for so many seconds."""
-    participant = DomainParticipant(domain)
+    loopback = Domain(domain, ON_INTERFACE.format("lo"))  # else DDS takes the first network it finds
+    participant = DomainParticipant(loopback.domain_id)
     writer = DataWriter(participant, Topic(participant, LOW_STATE, LowState))
     began = time.monotonic()
     for k in range(round(500 * seconds)):

@@ -24,6 +24,12 @@ SENT, SENT_AS = "<4x4B4IH2x" + "13fB" + "B2x7fB3x3I" + "B3x7fB3x3I" * 19 + BATTE
 little-endian."""
 READ = struct.Struct("<40x3f3f16x" + "4x2f4xf16xI8x" * 20 + "44x4h8xI72xI")
 """Format of the numbers of `Sensors` in the robot's memory."""
+ON_INTERFACE = (
+    "<CycloneDDS><Domain><General><Interfaces>"
+    '<NetworkInterface name="{}" presence_required="true"/>'
+    "</Interfaces></General></Domain></CycloneDDS>"
+)
+"""Settings of a DDS domain on one network interface, whose name is to be filled in; by default DDS chooses one."""
 REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 """Table of all 256 bytes with their bits in reverse order, by index."""
 

@@ -72,13 +72,11 @@ class Unitree(SensedDriver[UnitreeConfig]):
             from cyclonedds.sub import DataReader
             from cyclonedds.topic import Topic
 
-            from .messages import LOW_STATE, SPORT_STATE, LowState, MemoryAsSent, SportModeState
+            from .messages import LOW_STATE, ON_INTERFACE, SPORT_STATE, LowState, MemoryAsSent, SportModeState
         except ImportError:
             raise SurefootError("not_installed", f"Unitree's robots need DDS: {INSTALL}", "unitree") from None
-        net = f'<NetworkInterface name="{c.interface}" presence_required="true"/>'
-        settings = f"<CycloneDDS><Domain><General><Interfaces>{net}</Interfaces></General></Domain></CycloneDDS>"
         try:
-            self._held: list[Any] = [Domain(c.domain, settings)]
+            self._held: list[Any] = [Domain(c.domain, ON_INTERFACE.format(c.interface))]
             participant = DomainParticipant(c.domain)
             quality = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(MOST))
             low: Any = Topic(participant, LOW_STATE, LowState)

@@ -3,17 +3,22 @@
 The robot is Lupo, exported and named as a Go2; a program beside the page's commands is the robot on ROS 2.
 """
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from surefoot.lab.robots.export import mjcf_of
+from surefoot.robot.kinematics import foot_positions
+from surefoot.robot.reader import load_robot
 from tests.e2e.guide import BLOCK, Guide
 from tests.e2e.live import ROOT
 from tests.processes import end_systems
 
 pytestmark = pytest.mark.e2e
 
+DOMAIN = "93"  # of DDS, of this test alone
 CRAWLS = "surefoot run crawl-"
 """Walks that tests of scenarios do for the same robot."""
 ROS = """
@@ -61,6 +66,43 @@ def test_a_robot_on_ros_2(guide: Guide) -> None:
     with guide.beside("-c", ROS, guide.address, ",".join(guide.names)):
         shown = guide.run(guide.commands("ros2.md"))
     assert "velocity=" in shown
+
+
+def test_a_go2_over_dds(guide: Guide) -> None:
+    """The fake of the page publishes on loopback, in a domain of its own; the legs of Lupo have its names for links."""
+    pytest.importorskip("cyclonedds")
+    parts = (f"{leg}_{part}" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
+    driver = f"SUREFOOT_UNITREE_DOMAIN={DOMAIN} SUREFOOT_UNITREE_JOINTS='{json.dumps(list(parts))}'"
+    lines = guide.commands("unitree.md", others={"INTERFACE=eth0": f"INTERFACE=lo {driver}"})
+    with guide.beside(str(ROOT / "examples" / "unitree" / "fake.py"), DOMAIN, "3600"):
+        shown = guide.run(lines)
+    assert "velocity=" in shown
+
+
+def test_a_model_and_controller_of_ones_own(guide: Guide) -> None:
+    """The model is Lupo on a floor; two commands go on in shells of their own while the last one looks."""
+    (guide.folder / "examples").symlink_to(ROOT / "examples")
+    lupo = load_robot("lupo")
+    (guide.folder / "dog.xml").write_text(mjcf_of(lupo))
+    floor = foot_positions(lupo.model, lupo.neutral)[:, 2].mean() - lupo.foot_radius
+    plane = f'<worldbody><geom type="plane" size="5 5 1" pos="0 0 {floor}"/></worldbody>'
+    (guide.folder / "scene.xml").write_text(f'<mujoco><include file="dog.xml"/>{plane}</mujoco>')
+    first, driver, estimator, look = guide.commands("own-driver.md")
+    guide.run([first])
+    guide.environment["SUREFOOT_ROBOT"] = "./dog"
+    assert driver.startswith("SUREFOOT_ROBOT=./dog python ")
+    assert estimator.startswith("SUREFOOT_ROBOT=./dog surefoot-service ")
+    service = ("-m", "surefoot.lockstep.discover", *estimator.split()[2:])
+    with guide.beside(*driver.split()[2:]), guide.beside(*service):
+        shown = guide.run([f"for each in $(seq 50); do {look} && break; done"])  # until both are there
+    assert "velocity=" in shown
+
+
+def test_a_gait_of_ones_own(guide: Guide) -> None:
+    (guide.folder / "examples").symlink_to(ROOT / "examples")
+    shown = guide.run(guide.commands("own-driver.md", 1))
+    assert "status=" in shown
+    assert "infeasible" in shown
 
 
 def test_a_log_and_nothing_else(guide: Guide) -> None:

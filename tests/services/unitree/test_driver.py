@@ -14,6 +14,7 @@ from surefoot.errors import Refusal, SurefootError
 from surefoot.lab.bags.fit import fitted
 from surefoot.lab.bags.importing import record
 from surefoot.record.columns import recorded_columns
+from surefoot.record.recording import open_readable
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import JointCommand
 from surefoot.schemas.topics import HW_MAKER
@@ -232,6 +233,47 @@ def test_reads_a_publisher_on_loopback() -> None:
     assert set(samples) == {"hw/imu", "hw/joints", "hw/contacts", "hw/maker"}
     maker: Any = samples["hw/maker"]
     assert maker.velocity == (0.5, 0.0, 0.0)
+
+
+def test_no_command_leaves_the_driver() -> None:
+    """Of all that is published in the domain, as DDS itself lists it, only what the robot sends is there."""
+    from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.pub import DataWriter
+    from cyclonedds.topic import Topic
+
+    from surefoot.services.unitree.messages import LOW_STATE
+
+    made = driver(domain=89)
+    made.attach(Stage())
+    made.on_start()
+    participant = DomainParticipant(89)
+    published = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+    writer = DataWriter(participant, Topic(participant, LOW_STATE, LowState))
+    for k, state in enumerate(states()[:100]):
+        writer.write(state)
+        made.poll()
+        made.actuate(k, JointCommand(position=(0.1,) * 12))
+    assert {found.topic_name for found in published.take(N=100)} == {LOW_STATE}
+
+
+def test_the_makers_estimate_is_in_the_recording(tmp_path: Path) -> None:
+    made = Quiet(driver().config)
+    sport = SportModeState(
+        TimeSpec(1, 2), 0, states()[0].imu_state, 1, 0.0, 1, 0.08, [1.0, 2.0, 0.25], 0.3, [0.5, 0.0, -0.125], 0.25,
+        [0.0] * 4, [60] * 4, [0.0] * 12, [0.0] * 12, [PathPoint(*[0.0] * 7)] * 10,
+    )  # fmt: skip
+
+    def begin() -> None:
+        Quiet.on_start(made)
+        for state in states():
+            made.take(memory_of(state))
+        made._maker = SportModeState.deserialize(sport.serialize())
+
+    made.on_start = begin  # type: ignore[method-assign]
+    ran(made, tmp_path / "live.mcap", 20)
+    (maker,) = [item.message() for item in open_readable(tmp_path / "live.mcap").messages((HW_MAKER.key,))]
+    assert (maker.position, maker.velocity, maker.yaw_speed) == ((1.0, 2.0, 0.25), (0.5, 0.0, -0.125), 0.25)
 
 
 def test_an_interface_that_is_none() -> None:
