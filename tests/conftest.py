@@ -1,6 +1,8 @@
 """Settings of all tests."""
 
 import gc
+import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -9,6 +11,9 @@ gc.disable()  # nothing that is imported or collected becomes garbage: half of t
 
 LIMITS_S = {"slow": 1800.0, "e2e": 900.0}
 """Time limits of marked tests, s wall, with their fixtures; `timeout` of pyproject.toml holds for the others."""
+
+# pyzeros compiles what it publishes into this folder, once: 18 s.
+os.environ.setdefault("CYDR_CACHE_DIR", str(Path(__file__).parent / "__pycache__" / "cydr"))
 
 # The same examples on every machine; a first call may compile a kernel, so single examples have no time limit.
 settings.register_profile("surefoot", derandomize=True, deadline=None)
