@@ -7,7 +7,6 @@ shows them. Types, CDR and type hashes (RIHS01, REP-2016) are those of `rosbags`
 # pyright: reportUnknownMemberType=false
 # (the stubs of zenoh leave return types out)
 
-import hashlib
 import json
 import re
 import struct
@@ -94,6 +93,18 @@ def _dds(kind: str) -> str:
     return f"{package}::{group}::dds_::{name}_"
 
 
+def publisher_gid(token: str) -> bytes:
+    """Return the identity (16 bytes) of the publisher with a liveliness token (raises SurefootError: not installed).
+
+    As rmw_zenoh has it: XXH3 of the token, 128 bits, little-endian. ROS compares it with that of the graph.
+    """
+    try:
+        from xxhash import xxh3_128_intdigest
+    except ImportError:
+        raise SurefootError("not_installed", f"ROS 2 publishers need xxhash: {INSTALL}", "ros2") from None
+    return xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
+
+
 class WallOffset:
     """Estimate of wall time minus the time of a run: the least difference so far, which grows by 100 ppm for drift.
 
@@ -126,11 +137,14 @@ class Ros2Publisher:
         key: Zenoh key of the messages.
         token: liveliness token that shows the publisher in the ROS graph; also its identity.
         kind: type of the messages, such as `nav_msgs/msg/Odometry`.
+
+    Raises:
+        SurefootError: `xxhash` is not installed.
     """
 
     def __init__(self, session: zenoh.Session, key: str, token: str, kind: str) -> None:
         self._kind, self._sequence = kind, 0
-        self._identity = hashlib.blake2b(token.encode(), digest_size=16).digest()
+        self._identity = publisher_gid(token)
         self._token = session.liveliness().declare_token(token)
         self._publisher = session.declare_publisher(key, encoding=zenoh.Encoding.APPLICATION_CDR)
 
@@ -179,7 +193,7 @@ class Ros2Node:
         return f"{head}/%{topic.strip('/').replace('/', '%')}/{_dds(kind)}/{type_hash(kind)}/{QOS}"
 
     def publisher(self, topic: str, kind: str) -> Ros2Publisher:
-        """Return a publisher of a topic (raises SurefootError: no topic name or type)."""
+        """Return a publisher of a topic (raises SurefootError: no topic name or type, `xxhash` is not installed)."""
         key = data_key(self.domain, topic, kind)
         made = Ros2Publisher(self._session, key, self._token("MP", topic, kind), kind)
         self._held.append(made)

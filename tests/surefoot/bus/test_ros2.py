@@ -60,7 +60,7 @@ def test_hash_of_the_grid_map_by_another_implementation() -> None:
 
 
 def test_an_independent_client_reads_what_is_published(net: Net) -> None:
-    pyzeros = pytest.importorskip("pyzeros.pub")
+    pyzeros, gid = pytest.importorskip("pyzeros.pub"), pytest.importorskip("pyzeros.utils").rmw_zenoh_gid
     messages = pytest.importorskip("ros2_pyterfaces.cyclone.all_msgs")
     kind, came, done = ros.KINDS["odometry"], list[tuple[str, bytes, bytes]](), threading.Event()
     key = pyzeros.publisher_keyexpr("/odom", "nav_msgs::msg::dds_::Odometry_", messages.Odometry.hash_rihs01())
@@ -95,7 +95,7 @@ def test_an_independent_client_reads_what_is_published(net: Net) -> None:
     encoding, payload, attachment = came[0]
     assert encoding == "application/cdr"
     assert len(attachment) == 33
-    assert attachment[16] == 16
+    assert (attachment[16], attachment[17:]) == (16, gid(again))
     m = messages.Odometry.deserialize(payload)
     assert (m.header.stamp.sec, m.header.stamp.nanosec) == (1234, 567_890_123)
     assert (m.header.frame_id, m.child_frame_id) == FRAMES
