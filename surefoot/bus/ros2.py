@@ -16,6 +16,7 @@ from functools import cache
 from typing import Any
 
 import zenoh
+from zenoh.handlers import Callback
 
 from surefoot.bus.endpoint import checked, without_source
 from surefoot.errors import BusError, SurefootError
@@ -200,7 +201,10 @@ class Ros2Node:
         return made
 
     def subscribe(self, topic: str, kind: str, sink: Callable[[Any], None], failed: Callable[[str], None]) -> None:
-        """Pass the messages of a topic to `sink`, on another thread; `failed` gets a text on each undecodable one."""
+        """Pass the messages of a topic to `sink`; `failed` gets a text on each one that cannot be decoded.
+
+        Both are called on Zenoh's thread, in the order in which messages of all topics came, and must not wait.
+        """
         key = data_key(self.domain, topic, kind)
         store = types()
 
@@ -214,7 +218,8 @@ class Ros2Node:
 
         self._held += [
             self._session.liveliness().declare_token(self._token("MS", topic, kind)),
-            self._session.declare_subscriber(key, take),
+            # a thread for each topic would mix the order: contacts without a stamp take that of the sample before
+            self._session.declare_subscriber(key, Callback(take, indirect=False)),
         ]
 
     def close(self) -> None:

@@ -1,6 +1,7 @@
 """Keys, tokens, types and bytes on ROS 2 are those that independent implementations make and read."""
 
 import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ PUBLISHED = {
 }
 """Hashes as the descriptions of ROS 2 Jazzy have them."""
 FRAMES = ("odom", "base_link")
+NAMES = ("a", "b", "c")
 
 
 def odometry() -> Odometry:
@@ -131,6 +133,22 @@ def test_the_height_map_lies_where_grid_map_puts_it() -> None:
             i = round((centre.x + size[0] / 2 - (1.0 + 0.5 * column)) / 0.5 - 0.5)
             k = round((centre.y + size[1] / 2 - (2.0 + 0.5 * row)) / 0.5 - 0.5)
             assert m.data[0].data[k * nx + i] == z[row, column]
+
+
+def test_messages_of_several_topics_keep_their_order(net: Net) -> None:
+    reader, writer, came = Ros2Node("reader", net.address), Ros2Node("writer", net.address), list[int]()
+    for name in ("imu", "joints"):
+        reader.subscribe(f"/{name}", ros.KINDS[name], lambda m: came.append(m.header.stamp.sec), pytest.fail)
+    imu, joints = (writer.publisher(f"/{name}", ros.KINDS[name]) for name in ("imu", "joints"))
+    still, end, sent = (0.0, 0.0, 0.0), time.monotonic() + WAIT_S, 0
+    while len(came) < 600:
+        assert time.monotonic() < end
+        imu.put(ros.imu_message(Imu(acc=still, gyro=still).stamped(sent * 10**9, 0, 1, 0, "x"), "imu"))
+        joints.put(ros.joints_message(JointState(position=still).stamped((sent + 1) * 10**9, 0, 1, 0, "x"), NAMES))
+        sent += 2
+    writer.close()
+    reader.close()
+    assert came == sorted(came)
 
 
 def test_refusals(net: Net) -> None:
