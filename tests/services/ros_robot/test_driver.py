@@ -56,6 +56,29 @@ def ran(made: Any, out: Path, last_tick: int = LAST_TICK) -> Columns:
     return recorded_columns(out)[0]
 
 
+def test_topics_that_come_twice_or_late_change_nothing(net: Net, tmp_path: Path) -> None:
+    """Two publishers of each topic send the same walk, and the contacts begin 0.3 s after the others."""
+    store, rows, found = types(), messages(sway(), types(), NAMES), []
+    kinds = {"/imu/data": "imu", "/feet": "feet", "/joint_states": "joints"}
+    queue = sorted((stamp, i, topic, m) for i, topic in enumerate(kinds) for stamp, m in rows[topic])
+    begin = queue[0][0] + 300 * MS
+    queue = [item for item in queue if item[2] != "/feet" or item[0] > begin]
+    for times in (1, 2):
+        made = driver(net, contact_on=20.0, contact_off=12.0)
+        start = made.on_start
+        made.on_start = lambda made=made, start=start, times=times: (  # type: ignore[method-assign]
+            start(), [feed(made, kinds[t], m, store) for _, _, t, m in queue for _ in range(times)]
+        )  # fmt: skip
+        found.append(ran(made, tmp_path / f"{times}.mcap"))
+    once, twice = found
+    for key in ("published_velocity_imu", "published_position", "published_covariance", "touch", "joints"):
+        np.testing.assert_array_equal(once[key], twice[key], err_msg=key)
+    assert len(once["published_position"]) == LAST_TICK + 1
+    assert {key: made.intake.refused[f"{key}_duplicate"] > 100 for key in ("imu", "joints")} == dict.fromkeys(
+        ("imu", "joints"), True
+    )
+
+
 def test_messages_give_the_bits_of_the_bag(net: Net, tmp_path: Path) -> None:
     robot, store, made = load_robot(ROBOT), types(), driver(net, contact_on=20.0, contact_off=12.0)
     log = log_of_rows(sway())
