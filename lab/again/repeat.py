@@ -167,12 +167,14 @@ class Verification:
     @property
     def repeats(self) -> bool:
         """True if the repetition has the recorded hash or, if that is lost, equal readable messages; else False."""
-        return self.recorded == self.repeated or (not self.recorded and bool(self.damage) and self.first is None)
+        if not self.recorded:
+            return bool(self.damage) and self.first is None
+        return self.recorded == self.repeated
 
     @property
     def same(self) -> bool:
         """True if the repetition has the recorded hash, and the file holds all its messages unaltered; else False."""
-        return self.recorded == self.repeated and not self.altered and not self.damage
+        return bool(self.recorded) and self.recorded == self.repeated and not self.altered and not self.damage
 
 
 @contextmanager
@@ -212,7 +214,7 @@ def verify(
             last = max(piece.end_ns for piece in run.recording.gapless)
             first = first_difference(run.recording, target, keys=keys)
             return Verification(run.run_hash, found, (), first, changed, (), run.recording.damage, last * 1e-9)
-        if found == run.run_hash:
+        if found and found == run.run_hash:
             return Verification(run.run_hash, found, (), None, changed, altered)
         differ = sorted(k for k in keys or {*run.hashes, *digests} if run.hashes.get(k) != digests.get(k))
         first = first_difference(run.recording, target, keys=keys)

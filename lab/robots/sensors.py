@@ -44,8 +44,8 @@ def sensors(
     elif name is not None:
         if name not in spots:
             some = ", ".join(list(spots)[:MOST_NAMES])
-            text = f"got {shown(name)}{did_you_mean(name, list(spots))}, allowed are x,y,z in m and of the trunk {some}"
-            raise RobotError("unknown_name", "imu", text)
+            allowed = f"allowed are x,y,z in m, or a site or link of the trunk: {some}"
+            raise RobotError("unknown_name", "imu", f"got {shown(name)}{did_you_mean(name, list(spots))}, {allowed}")
         position, rot = spots[name]
         found.append(f"inertial unit: {name!r}")
     else:

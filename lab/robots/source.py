@@ -184,10 +184,10 @@ def compiled(text: str, balance: bool = False, free: str | None = None) -> tuple
         if root.tag == "robot":  # a link without inertial has no mass, whatever its shape is
             spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
         if free is not None and not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.joints):
-            root = spec.body(free)
-            if root is None:
+            trunk = spec.body(free)
+            if trunk is None:
                 raise RobotError("unknown_name", "trunk", f"got {free!r}, which the file does not have")
-            root.add_freejoint()
+            trunk.add_freejoint()
         spec.compiler.fusestatic = spec.compiler.discardvisual = False
         spec.compiler.balanceinertia = spec.compiler.balanceinertia or balance
         model = spec.compile()

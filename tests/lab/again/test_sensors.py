@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from surefoot.errors import SurefootError
-from surefoot.lab.again.repeat import verify
+from surefoot.lab.again.repeat import Verification, verify
 from surefoot.lab.again.sensors import RecordedLog, without_scenario
 from surefoot.lab.bags.fit import fitted
 from surefoot.lab.bags.importing import record
@@ -104,3 +104,10 @@ def test_a_recording_without_estimates_is_refused(imported: Path, tmp_path: Path
     bare = edited(imported, tmp_path / "bare.mcap", lambda k, m: None if k.startswith("state/") else m)
     with expect_error(SurefootError, "invalid", text="nothing can be repeated"):
         RecordedLog.of(open_readable(bare))
+
+
+def test_two_absent_hashes_are_not_equal() -> None:
+    """A recording without digests, whose repetition lacks one, too, has been compared with nothing."""
+    found = Verification("", "", (), None, {})
+    assert not found.repeats
+    assert not found.same
