@@ -9,7 +9,8 @@ from surefoot.robot.reader import load_robot
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.hw import EmergencyStop
 from surefoot.schemas.navigation import MotionOrder
-from surefoot.schemas.topics import CMD_ESTOP, CMD_JOINTS, FOOTHOLDS_SELECT, NAVIGATOR_ORDER, STATE_GAIT
+from surefoot.schemas.state import StanceEnd
+from surefoot.schemas.topics import CMD_ESTOP, CMD_JOINTS, FOOTHOLDS_SELECT, NAVIGATOR_ORDER, STATE_GAIT, STATE_ODOMETRY
 from tests.services.walker.messages import EPOCH, estimate, samples, service_of, tick_of
 
 ROBOT = load_robot("ragno")
@@ -24,7 +25,7 @@ class Robot:
         self.joints = ROBOT.neutral.copy()
         self.order: MotionOrder | None = None
 
-    def step(self, *, held: bool = False, estimated: bool = True) -> Any:
+    def step(self, *, held: bool = False, estimated: bool = True, stances: tuple[StanceEnd, ...] = ()) -> Any:
         s, feet = self.service.gait.state, ((True,),) * 6
         if s.feet.any():
             feet = tuple((bool(foot[2] < ROBOT.foot_radius + 1e-3),) for foot in s.feet)
@@ -32,6 +33,8 @@ class Robot:
         messages |= samples(self.tick, self.joints, feet)
         if estimated:
             messages |= estimate(self.tick, (float(s.body[0]), float(s.body[1]), s.yaw), 6)
+            odometry = messages[STATE_ODOMETRY.key]
+            messages[STATE_ODOMETRY.key] = odometry.model_copy(update={"stances": stances})
         self.service.on_tick(tick_of(self.tick, messages, ("estimator", "walker", "footholds"), held))
         command = self.stage.said[CMD_JOINTS.key].position
         if command is not None:
@@ -89,6 +92,23 @@ def test_a_question_about_footholds_names_its_tick(robot: Robot) -> None:
     assert asked
     assert {request.epoch for request in asked} == {EPOCH}
     assert all(20 <= request.tick < robot.tick for request in asked)
+
+
+def test_stances_go_back_with_the_health_of_their_legs(robot: Robot) -> None:
+    assert robot.service.walk(WalkCommand(action="walk", distance=0.3)).accepted
+    lifted: set[int] = set()
+    for _ in range(1500):
+        down = robot.service.gait.state.feet[:, 2] < ROBOT.foot_radius + 1e-3
+        ended = tuple(
+            StanceEnd(foot=k, slip=0.002, begin=(0.0, 0.0, 0.0), samples=50, healthy=k != 0)
+            for k in range(6) if not down[k] and k not in lifted
+        )  # fmt: skip
+        lifted = {k for k in range(6) if not down[k]}
+        robot.step(stances=ended)
+    asked = [request for key, request in robot.stage.asked if key == FOOTHOLDS_SELECT.key]
+    outcomes = [each for request in asked for each in request.outcomes]
+    assert {each.leg for each in outcomes} == set(ROBOT.leg_names)
+    assert {each.leg for each in outcomes if not each.healthy} == {ROBOT.leg_names[0]}
 
 
 def test_a_walker_killed_in_mid_step_goes_on_with_its_command_under_the_same_number(
