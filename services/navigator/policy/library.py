@@ -65,9 +65,9 @@ def _for_model(policy: Policy, model: NavigationModel, world: Arrays, any_model:
         Refusal: its table was learned for another model, and `any_model` is False.
     """
     made_for = policy.provenance.get("model_sha256")
-    if any_model or policy.tables.kind not in (PLANNER, SARSA) or made_for in (None, model.sha256()):
+    if any_model or policy.tables.kind not in (PLANNER, SARSA) or made_for == model.sha256():
         return policy
-    of = f"{policy.provenance.get('model', '')!r} ({(made_for or '')[:12]})"
+    of = f"{policy.provenance.get('model', '')!r} ({made_for[:12] if made_for else 'no model_sha256'})"
     here = f"{model.name!r} ({model.sha256()[:12]})"
     if policy.tables.kind == PLANNER:
         return planner(world, provenance_of(model, "planner", instead_of=f"{policy.name}, made for the model {of}"))

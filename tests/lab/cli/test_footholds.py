@@ -40,7 +40,10 @@ def test_learn_merge_show_and_score(tmp_path: Path, answer: Any) -> None:
     rows = "\n".join(" ".join("0" for _ in range(30)) for _ in range(20))
     grid = tmp_path / "map.asc"
     grid.write_text(f"ncols 30\nnrows 20\nxllcorner 0\nyllcorner 0\ncellsize 0.005\n{rows}\n")
-    text = answer("footholds", "score", grid, "--model", "ragno", "-o", tmp_path / "s.npz", "--json")
+    made = ("-o", tmp_path / "s.npz", "--picture", tmp_path / "s.png")
+    text = answer("footholds", "score", grid, "--model", "ragno", *made, "--json")
+    with Image.open(tmp_path / "s.png") as drawn:
+        assert len(drawn.convert("RGB").getcolors(1 << 24) or ()) > 50  # colours of four layers, not an empty sheet
     assert json.loads(text)["cells"]["free"] == 28 * 18
     with np.load(tmp_path / "s.npz") as found:
         assert found["p"].shape == (20, 30)

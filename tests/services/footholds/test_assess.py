@@ -78,9 +78,12 @@ def test_leg_adds_reach() -> None:
 
 
 @pytest.mark.parametrize("model", [HandScore(), load(shipped("ragno") or "")], ids=lambda model: model.name)
+@pytest.mark.parametrize("gaps", [0.0, 0.08])
 @pytest.mark.parametrize("seed", range(4))
-def test_the_free_cell_of_the_least_q_is_the_choice_and_its_q_the_score(model: SlipModel, seed: int) -> None:
-    ground, foot, params = ground_of(rough(seed)), neutral(0), SelectParams()
+def test_the_free_cell_of_the_least_q_is_the_choice_and_its_q_the_score(model: SlipModel, seed: int, gaps: float):
+    z = rough(seed)
+    z[np.random.default_rng(seed).random(z.shape) < gaps] = np.nan
+    ground, foot, params = ground_of(z), neutral(0), SelectParams()
     at = (float(foot[0]) + 0.003, float(foot[1]))
     (chosen,) = select(ground, ragno(), model, standing(), [Landing(0, (*at, 0.0), STROKE)], params)
     placed = placement(ragno(), 0, standing(), STROKE)

@@ -4,6 +4,7 @@ import io
 import os
 import pickle
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -168,6 +169,9 @@ def test_values_of_another_model_are_refused_or_computed_anew_in_words(tmp_path)
     assert "made for the model 'nao'" in anew.provenance["instead_of"]
     assert anew.provenance["model_sha256"] == other.sha256()
     assert find("sarsa-nao-paper", other, any_model=True).sha256  # studies may
+    save(replace(find("sarsa-nao-paper", load("nao-paper")), provenance={}), tmp_path / "of-none.npz")
+    with pytest.raises(Refusal, match="no model_sha256"):
+        find(str(tmp_path / "of-none.npz"), load("nao-paper"))
     conduct = load("nao-paper", ["conduct.stuck=60", "odometry.turn=0.1", "drift.course='flip'"])
     assert find("sarsa-nao-paper", conduct).sha256  # no value depends on these
 
