@@ -39,9 +39,12 @@ ARMS = {
 LONGEST_S = 600.0
 """Simulated time at which a run with a goal is ended, s: longer than any run that arrives."""
 GOAL = (
-    "goal_time_s", "goal_error_m", "pose_nees", "pose_error_m", "max_tilt_deg", "recoveries", "fell", "goals_missed",
+    "goal_time_s", "goal_error_m", "pose_nees", "pose_inside", "pose_error_m", "max_tilt_deg", "recoveries", "fell",
+    "goals_missed",
 )  # fmt: skip
 """Names of the metrics of a run with a goal; None in a result where the run has no value."""
+INSIDE = "in 95 % region"
+"""Title of the column of `inside_of`."""
 World = Literal["hard", "easy"]
 WITHIN = 5.0
 """Largest difference of a predicted mean time from that of the live runs, %, at which the prediction meets the goal."""
@@ -117,12 +120,19 @@ def policies(
             (
                 arm, len(own), len(good), float(times.mean()) if good else np.nan, deviation(times),
                 max((line["values"]["goal_error_m"] for line in good), default=np.nan), float(np.mean(nees)), max(nees),
+                inside_of(own),
                 float(np.mean([line["values"]["recoveries"] or 0.0 for line in own])), saved(by, arm, names[0]),
             )
         )  # fmt: skip
-    header = ("policy", "runs", "reached", "time s", "sd", "largest error m", "NEES", "largest", "recoveries",
+    header = ("policy", "runs", "reached", "time s", "sd", "largest error m", "NEES", "largest", INSIDE, "recoveries",
               f"faster than {names[0]}")  # fmt: skip
     table(f"{world} world, seeds {seeds}", header, rows)
+
+
+def inside_of(lines: list[Line]) -> str:
+    """Return how many of the poses of runs are in their 95 % region: in the mean, and in the worst run, as text."""
+    found = [line["values"]["pose_inside"] for line in lines if line["values"].get("pose_inside") is not None]
+    return f"{np.mean(found):.1f} % ({min(found):.0f})" if found else "-"
 
 
 def saved(by: dict[tuple[str, int], Line], arm: str, base: str) -> str:
@@ -208,12 +218,13 @@ def journeys(
             (
                 name, len(own), reached, float(found["goal_time_s"].mean()), float(found["goal_error_m"].max()),
                 float(found["pose_error_m"].max()), float(found["pose_nees"].mean()), float(found["pose_nees"].max()),
+                inside_of(own),
                 float(found["recoveries"].mean()), float(np.nansum(found["fell"])),
                 ", ".join(sorted({failed for line in own for failed in line["failed"]})) or "none",
             )
         )  # fmt: skip
-    header = ("journey", "runs", "reached", "time s", "largest error m", "pose rms m", "NEES", "largest", "recoveries",
-              "fell", "not met")  # fmt: skip
+    header = ("journey", "runs", "reached", "time s", "largest error m", "pose rms m", "NEES", "largest", INSIDE,
+              "recoveries", "fell", "not met")  # fmt: skip
     table(f"seeds {seeds}", header, rows)
 
 

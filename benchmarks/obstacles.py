@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.bench import Bench, table, words_of
-from benchmarks.goals import ARMS, GOAL, corridor, saved
+from benchmarks.goals import ARMS, GOAL, INSIDE, corridor, inside_of, saved
 from surefoot.bus.interface import Delivery
 from surefoot.lab.runs.local import run_local
 from surefoot.lab.studies import Line, seeds_of, study, verdict_line
@@ -127,7 +127,8 @@ def goals(
                 (
                     arm, len(mine), len(mine) - len(wrong), float(np.mean(times)) if times else np.nan,
                     sum(line["values"]["touches"] for line in mine), sum(line["values"]["fell"] for line in mine),
-                    float(np.mean([line["values"]["pose_nees"] for line in mine])), saved(by, arm, names[0]),
+                    float(np.mean([line["values"]["pose_nees"] for line in mine])), inside_of(mine),
+                    saved(by, arm, names[0]),
                     ", ".join(wrong) or "none",
                 )
             )  # fmt: skip
@@ -139,6 +140,7 @@ def goals(
             "touched",
             "fell",
             "NEES",
+            INSIDE,
             f"faster than {names[0]}",
             "wrong",
         )

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from surefoot.arrays import Array
 
+REGION_95 = 7.815
+"""Bound of the NEES, 3 dimensions, below which 95 % of the errors of a consistent estimate are (chi^2)."""
 RESAMPLINGS = 4000
 """Number of bootstrap samples from which the interval of a ratio is computed."""
 

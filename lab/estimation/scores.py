@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.arrays import Array, Flags
 
+from ..statistics import REGION_95
 from . import trajectory
 from .log import Log
 from .track import Track
@@ -15,7 +16,6 @@ from .truth import over_window
 
 WINDOW_S = 0.5
 """Time over which mean errors are compared, s: truth by motion capture is noisy row by row."""
-REGION_95 = 7.815  # of chi^2 with 3 degrees of freedom: 95 % of the rows lie below it
 NO_WAY_M, NO_SPEED = 1e-3, 1e-4
 """`NO_WAY_M`: net displacement, m, and `NO_SPEED`: mean speed, m/s, below which no relative error is given."""
 

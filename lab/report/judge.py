@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from surefoot.arrays import Array
 from surefoot.services.supervisor.scenarios.limits import LIMITS, Side
 
+from ..statistics import REGION_95
 from .traces import VARIANTS, Traces
 
 DEG = math.degrees(1.0)
@@ -52,6 +53,7 @@ METRICS: Mapping[str, Metric] = {
     "recoveries": Metric("recoveries of the navigator", "", 0, lasting=True),
     "pose_error_m": Metric("error of the pose in the map, horizontal, RMS", "m"),
     "pose_nees": Metric("NEES of the pose per degree of freedom, mean", "", 2),
+    "pose_inside": Metric("poses within their 95 % region", "%", 1),
     "duration_s": Metric("simulated time", "s", 2),
     "ticks": Metric("control ticks", "", 0),
     "real_time_factor": Metric("real-time factor", "x", 1),
@@ -276,7 +278,11 @@ def navigation(traces: Traces, truth: Array) -> dict[str, float]:
     error, cov = pose_error(truth, traces.series("state/pose"))
     if len(error):
         values["pose_error_m"] = rms(error[:, 1:3])
-        values["pose_nees"] = float(nees(error[:, 1:], cov).mean() / 3.0)
+        squares = nees(error[:, 1:], cov)
+        values["pose_nees"], values["pose_inside"] = (
+            float(squares.mean() / 3.0),
+            100.0 * float((squares < REGION_95).mean()),
+        )
     return values
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from surefoot.arrays import Record
 from surefoot.services.navigator.environment.episodes import (
@@ -20,7 +19,6 @@ from ..pools import worker_threads
 EVALUATION = 0
 """Index of the random stream of evaluations; training with seed k uses stream k + 1, so that no episode serves both."""
 CHUNK = 100
-ELLIPSE_95 = float(stats.chi2.ppf(0.95, 3))
 """NEES (normalised estimation error squared) of a pose x, y, yaw on the boundary of its 95 % confidence ellipsoid."""
 
 
@@ -92,7 +90,7 @@ def summary(results: Record) -> dict[str, Any]:
         "nees": float(results["nees_sum"].sum() / results["decisions"].sum()),
         "nees_at_20": float(results["nees_at"].mean()),
         "nees_at_20_band95": (low, high),
-        "inside_95_at_20": float((results["nees_at"] <= ELLIPSE_95).mean()),
+        "inside_95_at_20": float((results["nees_at"] <= statistics.REGION_95).mean()),
     }
 
 

@@ -66,3 +66,8 @@ def test_resampled_groups() -> None:
 def test_a_band_of_a_consistent_filter_holds_its_mean() -> None:
     low, high = s.chi_band(50)
     assert (round(low, 2), round(high, 2)) == (2.36, 3.72)
+
+
+def test_a_region_holds_95_percent_of_the_errors_of_a_consistent_estimate() -> None:
+    squares = (np.random.default_rng(2).standard_normal((200_000, 3)) ** 2).sum(axis=1)
+    assert 0.9485 < np.mean(squares < s.REGION_95) < 0.9515

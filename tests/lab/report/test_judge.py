@@ -45,6 +45,7 @@ def test_goals_are_judged_by_the_truth(invented):
     assert values["goal_time_s"] == pytest.approx(5.9)
     assert values["recoveries"] == 1.0
     assert 0.5 < values["pose_nees"] < 1.2
+    assert 93.0 < values["pose_inside"] <= 100.0
     assert len(traces.goals) == 1
     assert len(traces.choices) == 6
 
