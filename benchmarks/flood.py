@@ -82,11 +82,11 @@ def keys() -> list[tuple[str, str, str]]:
         *(("put", topic.key.replace("*", "walker"), "{") for topic in TOPICS if topic.key in observed),
         *(("get", query.key, "{" if query.acts else "{}") for query in served),
         ("get", "health/walker", "{}"),
-        ("put", "of/nobody", "{"),
+        ("put", "of/stranger", "{"),
     ]
 
 
-@BENCH.part("--only of/nobody")
+@BENCH.part("--only of/stranger")
 def floods(*, only: str = "") -> None:
     """Flood a running system: each observed key, each served query and an unknown key, up to 50 000 times a second.
 
@@ -107,7 +107,7 @@ def floods(*, only: str = "") -> None:
             for verb, key, payload in keys():
                 if only in key:
                     spans.append((f"{verb} {key}", *_flood(machine, ticks, verb, key, payload)))
-            spans.append(("no flood", *_flood(machine, ticks, "put", "of/nobody", "{", rate=1.0)))
+            spans.append(("no flood", *_flood(machine, ticks, "put", "of/stranger", "{", rate=1.0)))
             print(f"restarts: { {row['service']: row['restarts'] for row in machine.status()['services']} }")
         numbers: dict[str, set[int]] = {key: set() for key in ("hw/tick", *OUTPUTS)}
         for item in read_recording(bag, tuple(numbers)):

@@ -34,13 +34,47 @@ def beside(folder: Path) -> Iterator[Path]:
         path.unlink()
 
 
+ASC = b"ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 0.1\nNODATA_value -9999\n1 2\n3 -9999\n"
+CSV = b"t,gx,gy,gz,ax,ay,az\n0.0,0,0,0,0,0,9.81\n0.01,0,0,0,0,0,9.81\n"
+YAML = b"image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.25\nnegate: 0\n"
+"""Good contents of a height map, a log and a floor map."""
+
+
+def texts(pattern: str) -> tuple[bytes, ...]:
+    """Return the contents of the project's files that fit a pattern."""
+    return tuple(path.read_bytes() for path in sorted(Path(__file__).parents[1].glob(pattern)))
+
+
+def record(path: Path) -> None:
+    """Write a recording of twenty messages of four topics."""
+    from surefoot.record.recording import RecordingWriter
+
+    writer = RecordingWriter(path, {"robot": "ragno"})
+    for number in range(20):
+        topic = TOPICS[number % 4]
+        value = Drawer(json_schema(topic.model), Random(1)).value() | {"stamp_ns": number, "seq": number}
+        message = topic.model.model_validate_json(json.dumps(value))
+        writer.write(topic, message, Raw(*encode(message), ""))
+    writer.close({"run_hash": "x"})
+
+
+def written(folder: Path, name: str, write: Callable[[Path], object]) -> bytes:
+    """Return what a function writes to a file of an empty folder, which is empty again afterwards."""
+    path = folder / name
+    write(path)
+    content = path.read_bytes()
+    for each in folder.iterdir():
+        each.unlink()
+    return content
+
+
 def formats(folder: Path) -> tuple[Format, ...]:
     """Return every kind of file that is read, with contents that are good."""
     from surefoot.files import read_regular
     from surefoot.geometry import heightmap_files
     from surefoot.geometry.heightmap import HeightMap
     from surefoot.lockstep.config import load_config
-    from surefoot.record.recording import RecordingWriter, read_recording, verify_recording
+    from surefoot.record.recording import read_recording, verify_recording
     from surefoot.record.tables import read_table
     from surefoot.robot.reader import load_robot
     from surefoot.services.footholds.models import files as models_of_slip
@@ -54,33 +88,11 @@ def formats(folder: Path) -> tuple[Format, ...]:
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
     from surefoot.services.walker.memory import MemoryFile, WalkMemory
 
-    root = Path(__file__).parents[1]
-
-    def texts(pattern: str) -> tuple[bytes, ...]:
-        return tuple(path.read_bytes() for path in sorted(root.glob(pattern)))
-
     def made(name: str, write: Callable[[Path], object]) -> bytes:
-        path = folder / name
-        write(path)
-        content = path.read_bytes()
-        for each in folder.iterdir():
-            each.unlink()
-        return content
-
-    def record(path: Path) -> None:
-        writer = RecordingWriter(path, {"robot": "ragno"})
-        for number in range(20):
-            topic = TOPICS[number % 4]
-            value = Drawer(json_schema(topic.model), Random(1)).value() | {"stamp_ns": number, "seq": number}
-            message = topic.model.model_validate_json(json.dumps(value))
-            writer.write(topic, message, Raw(*encode(message), ""))
-        writer.close({"run_hash": "x"})
+        return written(folder, name, write)
 
     ground = HeightMap(z=np.zeros((3, 4), np.float32), cell=0.1, origin=(0.0, 0.0), version=1)
     marks = FloorLandmarks(np.eye(3, 2), np.eye(3, 8), 1, "x")
-    asc = b"ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 0.1\nNODATA_value -9999\n1 2\n3 -9999\n"
-    csv = b"t,gx,gy,gz,ax,ay,az\n0.0,0,0,0,0,0,9.81\n0.01,0,0,0,0,0,9.81\n"
-    yaml = b"image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.25\nnegate: 0\n"
     walk = made("w.json", lambda p: MemoryFile(str(p)).keep(1, 2, WalkMemory(1, None, None, None)))
     goal = b'{"epoch": 1, "tick": 2, "number": 1, "pose": [0, 0, 0], "covariance": [0,0,0,0,0,0,0,0,0], "odom": null, "goal": null, "state": "idle", "end": ["idle", "", ""], "ended": 0.0, "planned": []}'  # noqa: E501
 
@@ -88,29 +100,27 @@ def formats(folder: Path) -> tuple[Format, ...]:
         (path.parent / "m.pgm").write_bytes(b"P5\n2 2\n255\n\x00\xff\x80\x00")
         return map_files.load(path)
 
+    def load_navigator(path: Path) -> object:
+        return load_config(NavigatorConfig, "navigator", path)
+
     def load_image(path: Path) -> object:
         text = path.parent / "m.yaml"
-        text.write_bytes(yaml)
+        text.write_bytes(YAML)
         return map_files.load(text)
 
     return (
         Format("compose file", ".yaml", texts("compose/*.yaml"), load_compose),
         Format("scenario", ".toml", texts("scenarios/*.toml"), load_scenario),
         Format("robot", ".toml", texts("surefoot/robots/*/robot.toml"), load_robot),
-        Format(
-            "configuration",
-            ".toml",
-            (b"[navigator]\nrobot = 'nao'\n",),
-            lambda p: load_config(NavigatorConfig, "navigator", p),
-        ),
+        Format("configuration", ".toml", (b"[navigator]\nrobot = 'nao'\n",), load_navigator),
         Format("height map", ".npz", (made("h.npz", lambda p: heightmap_files.save(ground, p)),), heightmap_files.load),
-        Format("height map", ".asc", (asc,), heightmap_files.load),
-        Format("floor map", ".yaml", (yaml,), load_map),
+        Format("height map", ".asc", (ASC,), heightmap_files.load),
+        Format("floor map", ".yaml", (YAML,), load_map),
         Format("floor image", ".pgm", (b"P5\n2 2\n255\n\x00\xff\x80\x00", b"P2\n2 2\n255\n0 255 128 0\n"), load_image),
         Format("landmarks", ".npz", (made("l.npz", lambda p: landmark_files.save(marks, p)),), landmark_files.load),
         Format("policy", ".npz", texts("services/navigator/policy/shipped/*.npz"), load_policy),
         Format("slip model", ".json", texts("services/footholds/models/shipped/*.json"), models_of_slip.load),
-        Format("log", ".csv", (csv,), read_table),
+        Format("log", ".csv", (CSV,), read_table),
         Format("walk memory", ".json", (walk,), lambda p: MemoryFile(str(p)).recall(1, 9)),
         Format("goal memory", ".json", (goal,), lambda p: GoalMemory(str(p)).recall(1, 9)),
         Format("recording", ".mcap", (made("r.mcap", record),), lambda p: [*read_recording(p)]),

@@ -234,7 +234,7 @@ def report(
     for row in figures():
         by_command.setdefault(row.command, []).append(row)
     chosen = [name for name in by_command if only in name and (every or only or name in SHORT or not check)]
-    chosen.sort(key=lambda name: MACHINE.match(name) is not None)  # what is judged comes first
+    chosen.sort(key=lambda name: MACHINE.match(name) is not None)  # what is compared comes first
     wrong, rows = 0, list[tuple[object, ...]]()
     with TemporaryDirectory() as made:
         outputs = Outputs(results, limit, Path(made) if results is None else results.parent)

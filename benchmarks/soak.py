@@ -32,14 +32,14 @@ BENCH = Bench("soak")
 
 BARE = """
 import json, queue, sys, zenoh
-heard = queue.SimpleQueue()
+came = queue.SimpleQueue()
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
 with zenoh.open(config) as session:
-    reader = session.declare_subscriber(sys.argv[2] + "/sim/status", lambda s: heard.put(s.payload.to_bytes()))
+    reader = session.declare_subscriber(sys.argv[2] + "/sim/status", lambda s: came.put(s.payload.to_bytes()))
     while True:
         session.put(sys.argv[2] + "/cmd/estop", b'{"reason": "bare"}')
         try:
-            if json.loads(heard.get(timeout=0.1))["stopped"]:
+            if json.loads(came.get(timeout=0.1))["stopped"]:
                 break
         except queue.Empty:
             continue

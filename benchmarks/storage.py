@@ -264,7 +264,7 @@ def try_case(case: Case, scenario: Scenario, expected: str, models: tuple[Learne
 
 @BENCH.part("--seeds 0:5")
 def cases(*, seeds: str = "0:100") -> None:
-    """Runs on failing disks: the run is the same, what is sound can be read, and one sentence says what failed.
+    """Runs on failing disks: the run is the same, what is sound can be read, and one sentence states what failed.
 
     Goal: 100 of 100.
     """

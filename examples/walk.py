@@ -11,7 +11,7 @@ except surefoot.SurefootError as error:
     sys.exit(str(error))
 with client as robot:
     for gait in robot.messages(STATE_GAIT):  # the walker refuses to walk before the estimator has found its bearings
-        if gait.state in ("standing", "hold"):  # held: by an emergency stop, as the refusal says
+        if gait.state in ("standing", "hold"):  # held: by an emergency stop, as the refusal states
             break
     reply = robot.call(CMD_WALK, action="walk", distance=0.2)
     if not reply.accepted:

@@ -1,4 +1,4 @@
-"""Modules that judge or refuse, each with the tests that notice when one of its checks is removed."""
+"""Modules that check or refuse, each with the tests that notice when one of its checks is removed."""
 
 GUARDS: dict[str, tuple[str, ...]] = {
     "surefoot/lockstep/join.py": ("tests/surefoot/lockstep",),

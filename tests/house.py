@@ -20,6 +20,8 @@ ROOT = Path(__file__).parents[1]
 ALLOWED = ROOT / "tests" / "contract" / "house_allowed.json"
 PRODUCT = ("schemas", "surefoot", "services", "lab", "papers")
 """Folders that a wheel holds, and whose names a user meets."""
+BESIDE = ("benchmarks", "examples", "tests")
+"""Folders beside the product, to which the rules of `WIDE` apply, too."""
 MOST_LINES, MOST_PARAMETERS, MOST_SHELL = 60, 8, 150
 
 WORDS = re.compile(
@@ -29,7 +31,7 @@ WORDS = re.compile(
 )
 """Words of talk between people; a program publishes, returns, reports, requests, logs, raises, checks."""
 OPENINGS = re.compile(r"(What|Whether|How|Who|Whom|Which|Or|And)\b")
-"""A docstring starts with a verb or a noun."""
+"""A docstring starts with a verb or a noun; a question, as of an example, may start with these."""
 NOTE = re.compile(r"\b(note|notes) (\d|[§(])|\(note, section|design note", re.IGNORECASE)
 """Citations of notes that are not in the repository."""
 
@@ -69,6 +71,14 @@ class Source:
             value = node.value if isinstance(node, ast.Expr) else None
             if isinstance(value, ast.Constant) and isinstance(value.value, str):
                 yield node.lineno, value.value
+
+    def messages(self) -> Iterator[tuple[int, str]]:
+        """Yield line and text of each string of several words that is no docstring, parts of f-strings included."""
+        within = {id(node.value) for node in self.nodes if isinstance(node, ast.Expr)}
+        for node in self.nodes:
+            words = node.value if isinstance(node, ast.Constant) and id(node) not in within else None
+            if isinstance(words, str) and " " in words.strip():
+                yield node.lineno, words
 
     def comments(self) -> Iterator[tuple[int, str]]:
         """Yield line and text of each comment."""
@@ -142,16 +152,26 @@ def numbers_twice(files: Iterable[Source]) -> list[Finding]:
     places: dict[tuple[str, float], list[Finding]] = defaultdict(list)
     for file in files:
         for node in file.tree.body:
-            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-                target = node.targets[0]
-            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-                target = node.target
-            else:
-                continue
-            if target.id.isupper() and node.value is not None and (value := _number(node.value)) is not None:
-                where = Finding(file.name, node.lineno, f"{target.id} = {ast.unparse(node.value)}")
-                places[target.id.lstrip("_"), value].append(where)
+            for name, value in _constants(node):
+                if name.isupper() and (number := _number(value)) is not None:
+                    where = Finding(file.name, node.lineno, f"{name} = {ast.unparse(value)}")
+                    places[name.lstrip("_"), number].append(where)
     return [each for found in places.values() if len(found) > 1 for each in found]
+
+
+def _constants(node: ast.stmt) -> Iterator[tuple[str, ast.expr]]:
+    """Yield name and value of each assignment to a name in a statement, those of `A, B = 2, 5` one by one."""
+    if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.value is not None:
+        yield node.target.id, node.value
+    elif isinstance(node, ast.Assign):
+        target, value = node.targets[0], node.value
+        pairs = [(target, value)]
+        if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+            numbers = [_number(each) for each in value.elts]
+            if len(numbers) > 1 and numbers == [(numbers[0] or 0) + k for k in range(len(numbers))]:
+                return  # indices of columns
+            pairs = list(zip(target.elts, value.elts, strict=True))
+        yield from ((name.id, each) for name, each in pairs if isinstance(name, ast.Name))
 
 
 def _number(value: ast.expr) -> float | None:
@@ -180,17 +200,22 @@ def helpers_twice(files: Iterable[Source]) -> list[Finding]:
 
 
 def prose(files: Iterable[Source]) -> list[Finding]:
-    """Return docstrings and comments with words of talk, openings that make no sentence, or notes that are not here."""
+    """Return texts with words of talk, docstrings that do not open as a sentence, and notes that are not here.
+
+    Texts are docstrings, comments and, outside of tests, strings of several words, which users may read.
+    """
     out: list[Finding] = []
     for file in files:
         for line, text in file.docstrings():
             first = text.strip().splitlines()[0] if text.strip() else ""
-            if OPENINGS.match(first):
+            if OPENINGS.match(first) and "?" not in first:
                 out.append(Finding(file.name, line, f"opening: {first}"))
             out += _words(file.name, line, text)
         for line, text in file.comments():
             if not text.startswith(("type:", "pyright:", "noqa", "fmt:")):
                 out += _words(file.name, line, text)
+        for line, text in file.messages() if not file.name.startswith("tests/") else ():
+            out += _words(file.name, line, text)
     return out
 
 
@@ -203,9 +228,11 @@ def _words(name: str, line: int, text: str) -> Iterator[Finding]:
 
 
 def pages(_: Iterable[Source] = ()) -> list[Finding]:
-    """Return lines of README, changelog and pages with words of talk; code between backticks is left out."""
+    """Return lines of README, changelog, pages and TOML files with words of talk; code in backticks is left out."""
     out: list[Finding] = []
-    for path in (ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))):
+    files = (ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "pyproject.toml", *sorted((ROOT / "docs").rglob("*.md")))
+    toml = [path for folder in ("scenarios", "surefoot/robots") for path in sorted((ROOT / folder).rglob("*.toml"))]
+    for path in (*files, *toml):
         text = re.sub(
             r"^```.*?^```$", lambda m: "\n" * m[0].count("\n"), path.read_text(), flags=re.DOTALL | re.MULTILINE
         )
@@ -240,9 +267,19 @@ RULES = (
 )
 
 
-def counted(files: list[Source]) -> dict[str, dict[str, int]]:
+WIDE = (long_functions, many_parameters, prose)
+"""Rules that apply to tests, benchmarks and examples, too."""
+
+
+def findings() -> dict[str, list[Finding]]:
+    """Return what breaks each rule, by the rule's name."""
+    product, beside = sources(), sources(BESIDE)
+    return {rule.__name__: rule([*product, *beside] if rule in WIDE else product) for rule in RULES}
+
+
+def counted() -> dict[str, dict[str, int]]:
     """Return the number of findings by rule and file."""
-    return {rule.__name__: dict(sorted(Counter(each.path for each in rule(files)).items())) for rule in RULES}
+    return {name: dict(sorted(Counter(each.path for each in found).items())) for name, found in findings().items()}
 
 
 def _write(line: str) -> None:
@@ -251,14 +288,13 @@ def _write(line: str) -> None:
 
 def main(words: list[str]) -> None:
     """Print what breaks the rules below folders; names and numbers are compared with the whole product."""
-    everything = sources()
     if "--allow" in words:
-        ALLOWED.write_text(json.dumps(counted(everything), indent=1) + "\n")
+        ALLOWED.write_text(json.dumps(counted(), indent=1) + "\n")
         return
     wanted = {file.name for file in sources(words)}
-    for rule in RULES:
-        found = [each for each in rule(everything) if not words or each.path in wanted]
-        _write(f"-- {rule.__name__}: {len(found)}")
+    for rule, every in findings().items():
+        found = [each for each in every if not words or each.path in wanted]
+        _write(f"-- {rule}: {len(found)}")
         for each in found:
             _write(f"   {each}")
 

@@ -1,10 +1,10 @@
-"""Mutation of guards: each check that judges or refuses is removed in turn, and a test must notice.
+"""Mutation of guards: each check that decides or refuses is removed in turn, and a test must notice.
 
 `python -m tests.mutants [MODULE ...] [--most N] [--results FILE]` prints what survived. The tests of a module run once
 while the lines are noted that each of them takes; a mutant then runs those alone that take its line, first those in
 which the check refuses, until one fails. Each run is a fork of a process that has imported what tests need from others,
 so none starts anew.
-A module that refuses nothing judges by what it returns: there each early return and each filter counts as a check.
+A module that refuses nothing decides by what it returns: there each early return and each filter counts as a check.
 Compiled kernels do not follow a mutant, so tests of a module that has some run them as plain Python.
 The campaigns of `test_chaos` are left out, because they take too long for every check.
 """

@@ -4,12 +4,12 @@ import socket
 
 
 def free_port() -> int:
-    """A port nobody listens on."""
+    """Return a port on which no process listens."""
     with socket.socket() as found:
         found.bind(("127.0.0.1", 0))
         return int(found.getsockname()[1])
 
 
 def free_address() -> str:
-    """An endpoint nobody listens on."""
+    """Return an endpoint on which no process listens."""
     return f"tcp/127.0.0.1:{free_port()}"

@@ -12,13 +12,13 @@ from surefoot.schemas.hw import EmergencyStop, FootContacts, Imu, JointCommand, 
 from surefoot.schemas.status import SimStatus
 from surefoot.schemas.topics import CMD_ESTOP, HW_CONTACTS, HW_IMU, HW_JOINTS, SIM_JOIN, SIM_STATUS, TICK_NS
 
-# It has no hardware: its joints follow as servos do, its trunk stays level. Put yours where it says HARDWARE.
+# It has no hardware: its joints follow as servos do, its trunk stays level. Put yours where HARDWARE stands.
 STEP_RAD, TOUCH_M = 0.05, 0.003  # the most a joint moves in a tick; height over the lowest foot that counts as touch
 
 
 class MyRobot(Driver[ServiceConfig]):
     name = "my-robot"
-    outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_STATUS)  # what it has; nobody waits for what is not here
+    outputs = (HW_IMU, HW_JOINTS, HW_CONTACTS, SIM_STATUS)  # what it has; no service waits for what is not here
     observes, serves = (CMD_ESTOP,), (SIM_JOIN,)
 
     def on_start(self) -> None:
@@ -50,7 +50,7 @@ class MyRobot(Driver[ServiceConfig]):
             raise Refusal("out_of_range", f"expected {robot.nj} angles within the limits, got {q}", "position")
 
     def on_message(self, topic: object, message: object) -> None:
-        if isinstance(message, EmergencyStop):  # hold; then say so, for `surefoot stop` waits for it
+        if isinstance(message, EmergencyStop):  # hold; then publish it, for `surefoot stop` waits for it
             self.stopped, run = message.reason or "no reason given", self.node.leader
             now = {"state": run.state, "ticks": run.tick + 1, "tick": run.tick, "epoch": run.epoch, "rtf": 1.0}
             self.publish(SIM_STATUS, SimStatus.model_validate({**now, "comparable": False, "stopped": self.stopped}))

@@ -47,7 +47,7 @@ def import_log(
     contacts: Annotated[str | None, typer.Option(help="TOPIC[.FIELD[a:b]] of foot forces or flags.")] = None,
     feet: Annotated[str | None, typer.Option(help="Legs in the order of the contacts: FR,FL,RR,RL.")] = None,
     joint_names: Annotated[str | None, typer.Option(help="Names of the positions, in their order.")] = None,
-    imu_frame: Annotated[str, typer.Option(help="imu or base_link, where the log does not say.")] = "",
+    imu_frame: Annotated[str, typer.Option(help="imu or base_link, where the log does not state it.")] = "",
     contact_on: Annotated[float | None, typer.Option(help="Force from which a foot stands, N.")] = None,
     contact_off: Annotated[float | None, typer.Option(help="Force below which it stands no more, N.")] = None,
     clock: Annotated[str, typer.Option(help="header or record: which stamps count.")] = "header",

@@ -77,7 +77,7 @@ class ChaosRun:
     with its joints held from the tick at which its commands ended, see `surefoot.lab.chaos.run.falls_when_held`."""
 
 
-class Stage(NamedTuple):
+class FaultDraw(NamedTuple):
     """Environment of a run with faults (in-memory bus or live processes): possible kinds, and how one is drawn."""
 
     kinds: tuple[Kind, ...]
@@ -87,7 +87,7 @@ class Stage(NamedTuple):
     """Function (random generator, kind, services, driver first) that returns service, count and size of a fault."""
 
 
-def swarm(stage: Stage, seed: int) -> tuple[Kind, ...]:
+def swarm(stage: FaultDraw, seed: int) -> tuple[Kind, ...]:
     """Return the kinds of faults that a seed enables for its run, at least one.
 
     A fault can mask the failure that another one causes, so each run has a random subset of the kinds (swarm testing,
@@ -99,7 +99,7 @@ def swarm(stage: Stage, seed: int) -> tuple[Kind, ...]:
 
 
 def draw_events(
-    stage: Stage, seed: int, number: int, services: Sequence[str], ticks: int, kinds: Sequence[Kind] = ()
+    stage: FaultDraw, seed: int, number: int, services: Sequence[str], ticks: int, kinds: Sequence[Kind] = ()
 ) -> tuple[ChaosEvent, ...]:
     """Return random faults in the order of their ticks, identical for equal seeds.
 
@@ -139,7 +139,7 @@ def _live_fault(random: Random, kind: Kind, services: Sequence[str]) -> tuple[st
     return service, 0, {"freeze": frozen, "slow": slow}.get(kind, 0.0)
 
 
-MEMORY = Stage(get_args(Kind)[:8], 1, _fault_in_memory)
+MEMORY = FaultDraw(get_args(Kind)[:8], 1, _fault_in_memory)
 """Stage of faults on the in-memory bus, in virtual time, from control tick 1: of messages, and `freeze`, `kill`."""
-LIVE = Stage(("kill", "terminate", "freeze", "slow", "forge"), 120, _live_fault)
+LIVE = FaultDraw(("kill", "terminate", "freeze", "slow", "forge"), 120, _live_fault)
 """Stage of faults of live processes, in wall time, from control tick 120 on, when the robot stands and walks."""

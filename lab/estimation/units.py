@@ -98,7 +98,9 @@ def _check_gyro(log: Log, good: NDArray[np.bool_]) -> None:
     slope = float(np.sum(turn * moved) / max(np.sum(turn**2), 1e-300))
     alike = float(np.sum(turn * moved) / math.sqrt(max(np.sum(turn**2) * np.sum(moved**2), 1e-300)))
     if size > ENOUGH * 180.0 / math.pi / 4.0 and abs(slope) < 0.1:
-        raise SurefootError("invalid", f"{log.name}: gravity turns by {slope:.3f} of what gyro says: {degrees}", "gyro")
+        raise SurefootError(
+            "invalid", f"{log.name}: gravity turns by {slope:.3f} of what gyro shows: {degrees}", "gyro"
+        )
     if size <= ENOUGH:
         return
     by_feet = turned_by_feet(log)

@@ -50,7 +50,7 @@ NOTES = (
     "Erratum VI-B: 'the action with the highest reward' is the one with the highest Q.",
     "Erratum Fig. 4 and VI-A: convergence after 'about 700' episodes in the caption is 'about 800' in the text.",
     "Not printed either: sizes of the grid (here 2 x 10 x 20 over h, d, phi, left and right shared), kind of traces "
-    "(replacing), the entropy thresholds (chosen as VI-B says). Our guards end 15 stands or 16 turns in a row.",
+    "(replacing), the entropy thresholds (chosen as VI-B describes). Our guards end 15 stands or 16 turns in a row.",
     "One of ten trainings, chosen on episodes of its own, stands for the paper's; the others are in the table. With a "
     "step size that does not fall some are upset late, so that Fig. 4 and the last policy depend on the seed.",
     "In our world the threshold of 18.5 deg gains as much as learning does; the paper's gain is one against 35 deg.",

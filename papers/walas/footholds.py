@@ -68,7 +68,7 @@ NOTES = (
 )
 
 ALIKE = "with the whole robot feet in holes slide more than on flat ground, and on peaks no more (see the last note)"
-NOISY = "noisy primitives say little about this ground; most slip is the load of a leg, which K1 to K4 do not know"
+NOISY = "noisy primitives show little of this ground; most slip is the load of a leg, which K1 to K4 do not know"
 KNOWN = {
     "3.2, Fig. 8: primitives K1, K2: P of": ALIKE,
     "3.2, Fig. 9: Gaussian: P of": ALIKE,

@@ -28,7 +28,7 @@ NOTES = (
     "Erratum (38): the factor 1/N is missing.",
     "Erratum (24): F leaves out the rotation; (28)-(30), which are executed, have it. Errata (20), (21): one equation.",
     "Noise is the rms of the error of v_x about its mean over 0.3 s. Before each walk the robot stands for 6 s, of "
-    "which the mean gyro is taken; the paper does not say how long its robot stood. What is left of the bias decides "
+    "which the mean gyro is taken; the paper does not state how long its robot stood. What is left of the bias decides "
     "(38), for the six states do not separate it from a tilt: the row with the first half second shows it.",
     "(38) is a mean along the body's axis; a walk that sways in yaw has another mean in the world (both are shown).",
 )

@@ -16,7 +16,7 @@ from contextlib import suppress
 
 import zenoh
 
-from surefoot.bus.unread import Connection, LinkTrouble, address_of, connections
+from surefoot.bus.unread import MOST_NAMED, Connection, LinkTrouble, address_of, connections
 
 MOST_PER_S = 300.0
 """Largest number of tokens that appear or vanish per s in good order. Twenty services that start at once show 60
@@ -29,8 +29,6 @@ that is `AT_ONCE` tokens after it began."""
 AT_ONCE = 100
 TOKEN_BYTES = 16
 """Lower bound on the bytes of a message that shows or takes away a token: its key alone is longer."""
-MOST_NAMED = 16
-"""Largest number of clients that reports name; further ones are `others`."""
 
 
 class Flapping:

@@ -132,5 +132,5 @@ class Frame:
         except ValueError as error:
             raise Refusal("malformed", f"index of a frame: {error} (got {self._index[:80]!r})") from None
         if max(begin, 2) != len(payload):
-            raise Refusal("malformed", f"frame of {len(payload)} bytes; its index says {max(begin, 2)}")
+            raise Refusal("malformed", f"frame of {len(payload)} bytes; its index states {max(begin, 2)}")
         return found

@@ -8,11 +8,11 @@ from pydantic_core import from_json
 from surefoot.bus.codec import MAX_JSON_BYTES
 from surefoot.bus.seal_times import SealTimes
 from surefoot.bus.seals import BORN, DRAWN, DRIVER, MOST_KNOWN, SEAL, born_ms, seal_of
-from surefoot.bus.unread import LinkTrouble
+from surefoot.bus.unread import MOST_NAMED, LinkTrouble
 
-MOST_NAMED, MOST_SHOWN, OTHERS = 16, 80, "other keys"
-"""`MOST_NAMED`: largest number of keys of refused messages that a report names; `MOST_SHOWN`: characters to which each
-is cut; `OTHERS`: name under which further keys are counted."""
+MOST_SHOWN, OTHERS = 80, "other keys"
+"""`MOST_SHOWN`: characters to which the keys of refused messages are cut in a report; `OTHERS`: name under which keys
+beyond the first `MOST_NAMED` are counted."""
 
 
 class Sealed(NamedTuple):

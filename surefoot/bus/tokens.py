@@ -18,7 +18,7 @@ from surefoot.bus.hidden import Merged, sealed_for_any
 from surefoot.bus.interface import Life
 from surefoot.bus.pour import keep_thread_state
 from surefoot.bus.seals import DRIVER
-from surefoot.bus.unread import LinkTrouble
+from surefoot.bus.unread import MOST_NAMED, LinkTrouble
 
 LIVE, STARTS = "alive", "starts"
 """`LIVE`: first word of the liveliness-token key of a process that is ready; `STARTS`: first word of the key that a
@@ -28,9 +28,8 @@ SERVICES = "SUREFOOT_SERVICES"
 MOST_ADDED, MOST_FOREIGN = 16, 64
 """`MOST_ADDED`: largest number of names that are watched besides those of the system, as of services that are started
 by hand; `MOST_FOREIGN`: largest number of visible tokens under such names that the router's session reads."""
-MAX_SHOWN, MOST_NAMED = 64, 16
-"""`MAX_SHOWN`: characters to which a name of no service is cut in reports; `MOST_NAMED`: largest number of such names
-in a report, further ones count under the empty name."""
+MAX_SHOWN = 64
+"""Characters to which a name of no service is cut in reports; beyond `MOST_NAMED` they count under the empty name."""
 _NAME = set("abcdefghijklmnopqrstuvwxyz0123456789_")
 
 

@@ -41,6 +41,10 @@ class Connection(NamedTuple):
     received: int = 0
 
 
+MOST_NAMED = 16
+"""Largest number of keys, clients or names that a report of trouble lists one by one; it sums up further ones."""
+
+
 class LinkTrouble(NamedTuple):
     """Fault of the link to a peer, with reason, text for the log and name of the peer.
 

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Generic, cast
 
+from surefoot.bus.inbox import SMALL_BYTES
 from surefoot.schemas.base import Header
 from surefoot.schemas.hw import Tick
 from surefoot.schemas.rows import M
@@ -19,8 +20,8 @@ _TICK = HW_TICK.key
 NAMED = ("epoch_ahead", "stale_epoch", "too_far_ahead", "stamp", "conflict", "too_much")
 """Codes of refused inputs whose log line names the key of the input and the process that sent it."""
 
-SENDER_BYTES, SMALL_BYTES = 16 << 20, 4096
-"""`SENDER_BYTES`: limit on a service's waiting inputs, bytes; `SMALL_BYTES`: size, bytes, up to which one counts 0."""
+SENDER_BYTES = 16 << 20
+"""Limit on a service's waiting inputs, bytes; one of up to `SMALL_BYTES` counts 0."""
 
 MISLED_PRIMES = 3
 """Number of primes in a row of a run not yet begun, after which a service that did ticks of that run counts as misled

@@ -74,7 +74,7 @@ class Node:
         service.attach(self)
         for topic in self._subscriptions():
             if topic.observers_only and not service.batched:
-                raise ValueError(f"{self.name} reads {topic.key!r}, which is told in batches, but is not batched")
+                raise ValueError(f"{self.name} reads {topic.key!r}, which comes in batches, but is not batched")
         for topic in (*service.outputs, self._done, HEALTH.of(self.name), LOG.of(self.name)):
             self._publishers[topic.key] = self.bus.publisher(topic, self.instance)
         self.bus.announce(self.name, self.instance, ready=False)

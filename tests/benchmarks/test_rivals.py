@@ -1,4 +1,4 @@
-"""Rules: every one chooses, the rivals prefer what they say, draws repeat with their seed."""
+"""Rules: every one chooses, the rivals prefer what their rules state, draws repeat with their seed."""
 
 import math
 

@@ -26,7 +26,7 @@ MODELS: dict[str, type[Wire]] = {
 
 
 def shape(model: type[Wire]) -> dict[str, Any]:
-    """What a reader demands, without words."""
+    """Demands of a reader, without descriptions."""
     return strip(model.model_json_schema(mode="validation"))
 
 
@@ -52,7 +52,7 @@ def number(version: str) -> tuple[int, int]:
 
 
 def breaks(old: Any, new: Any, asked: bool, where: str = "") -> list[str]:
-    """What of ``new`` is more than an addition that need not be given.
+    """Part of ``new`` that is more than an addition that need not be given.
 
     Args:
         old: published shape.

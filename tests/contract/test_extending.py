@@ -36,7 +36,7 @@ def blocks() -> list[tuple[dict[str, str], str]]:
 
 
 def apply(tree: Path, words: dict[str, str], text: str) -> None:
-    """Do with one block what the page says."""
+    """Do with one block what the page states."""
     if "append" in words:
         with (tree / words["append"]).open("a", encoding="utf-8") as file:
             file.write(text)
@@ -72,7 +72,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(tree: Path, *words: str) -> dict[str, Any]:
-    """How to run Python in the copy."""
+    """Return the command that runs Python in the copy."""
     return {
         "command": [sys.executable, *words],
         "cwd": tree,

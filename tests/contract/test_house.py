@@ -14,7 +14,7 @@ ALLOWED = json.loads(house.ALLOWED.read_text(encoding="utf-8"))
 @pytest.fixture(scope="module")
 def found() -> dict[str, dict[str, int]]:
     """Findings by rule and file; in a fixture, for every process of a run imports this file, and one runs it."""
-    return house.counted(house.sources())
+    return house.counted()
 
 
 @pytest.mark.parametrize("rule", [rule.__name__ for rule in house.RULES])
@@ -58,6 +58,8 @@ def test_a_class_a_number_and_a_helper_of_two_files_are_found(tmp_path: Path) ->
     ]
     assert len(house.classes_twice(files)) == len(house.numbers_twice(files)) == len(house.helpers_twice(files)) == 2
     assert not house.numbers_twice(files[:1])
+    pairs = [source(tmp_path, "REST_S, MOST = 2.0, 7\n", "lab/c.py"), source(tmp_path, "X, Y = 0, 1\n", "lab/d.py")]
+    assert len(house.numbers_twice([*files[:1], *pairs, *pairs[1:]])) == 2  # X and Y are indices
 
 
 def test_absolute_imports_of_the_own_room_are_found(tmp_path: Path) -> None:
@@ -76,6 +78,16 @@ def judge():
     printed = texts(house.prose([source(tmp_path, text)]))
     assert len(printed) == 4
     assert any(each.startswith("opening: Whether") for each in printed)
+
+
+def test_strings_that_users_read_and_questions(tmp_path: Path) -> None:
+    text = '''"""How far does it walk? Ten centimetres."""
+KIND = "told"
+raise ValueError(f"{KIND} is told nothing by `tell`")
+'''
+    (found,) = texts(house.prose([source(tmp_path, text)]))
+    assert found == "word 'told': is told nothing by `tell`"
+    assert not house.prose([source(tmp_path, text, "tests/x.py")])
 
 
 def test_all_docstrings_of_the_product_are_seen() -> None:

@@ -11,7 +11,7 @@ from tests.processes import run_process
 ROOT = Path(__file__).parents[2]
 MAX_LINES = 400
 KEEP_TIME = ("recorder", "simulator", "supervisor")
-"""Who may read the clock: the driver, which paces, who watches processes, and who notes how long a run took."""
+"""Modules that may read the clock: the driver, which paces, those that watch processes or time a run."""
 _WORDS = ("py" + r"pi\.org", "python" + "hosted", "npm" + "js", "index" + "-url", "find" + "-links")
 HOSTS = re.compile("|".join(_WORDS), re.IGNORECASE)
 """Registries and the options that name one; in pieces, so that this file does not name them either."""

@@ -1,4 +1,4 @@
-"""What services compute in ticks uses nothing whose last bit depends on the processor or on the version of Python."""
+"""Ticks of services compute with nothing whose last bit depends on the processor or on the version of Python."""
 
 import ast
 from collections.abc import Callable, Iterator

@@ -15,7 +15,7 @@ from tests.contract.published import MODELS, breaks, complaints, load, number, s
 
 PUBLISHED = load()
 STRICT = (Request, JointCommand)
-"""What is asked or commanded: an unknown field is refused, whatever its version."""
+"""Requests and commands: an unknown field is refused, whatever its version."""
 
 STRAYS: dict[type[Wire], tuple[str, ...]] = {WalkCommand: ("shift",)}
 """Fields that do not go with the first action, which `sample` takes."""

@@ -1,4 +1,4 @@
-"""What holds for every service folder, found by walking the tree."""
+"""Rules of every service folder, found by walking the tree."""
 
 import importlib
 import pkgutil
@@ -16,7 +16,7 @@ from surefoot.schemas.topics import CMD_ESTOP, QUERIES, SIM_TRUTH, TOPICS, Kind
 
 NAMES = [m.name for m in pkgutil.iter_modules(surefoot.services.__path__) if m.ispkg]
 JUDGES = {"recorder", "supervisor", "viewer"}
-"""Who may see the truth: those who keep, judge or show a run, never those who act in it."""
+"""Services that may see the truth: those that record, check or show a run, never those that act in it."""
 
 
 def service(name: str) -> type[Service[Any]]:

@@ -26,7 +26,7 @@ def run_ip(*words: str) -> None:
 
 
 _MADE = itertools.count(step=1001)
-"""What each network of this process adds to its number."""
+"""Offset of the number of each network of this process."""
 
 
 class Hosts:

@@ -37,7 +37,7 @@ STOP_S = 60.0  # s wall for an end; takes less than 2
 SERVICES = tuple(
     name for name in load_compose(find("compose", "ragno", ".yaml", ComposeError)).services if name != Supervisor.name
 )
-"""What the compose file starts beside the supervisor."""
+"""Services that the compose file starts beside the supervisor."""
 SHORT = """
 description = "Ragno stands up and walks two steps over rough ground"
 max_duration_s = 10.0
@@ -69,7 +69,7 @@ def wait_until(condition: Callable[[], bool], seconds: float, what: str) -> None
 
 @dataclass(frozen=True)
 class Conducted:
-    """What came of a scenario."""
+    """Outcome of a scenario."""
 
     verdict: RunVerdict
     run_hash: str
@@ -138,7 +138,7 @@ class Live:
         return words
 
     def log(self, name: str) -> Path:
-        """What a service wrote."""
+        """Return what a service wrote."""
         return self.folder / f"{name}.log"
 
     def start(self, names: Iterable[str], *, one_by_one: bool = False) -> None:

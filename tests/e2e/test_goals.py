@@ -69,7 +69,7 @@ def test_a_goal_over_zenoh_is_the_run_of_one_process(tmp_path: Path) -> None:
 
 
 def stands(where: str) -> bool:
-    """Whether the robot of the system at an endpoint is there."""
+    """Return whether the robot of the system at an endpoint is there."""
     try:
         with connect("nao", where) as robot:
             return robot.latest(STATE_POSE, 5.0).initialised

@@ -38,7 +38,7 @@ def test_order_of_the_four_estimators(kind):
 
 
 def test_size_of_the_errors_on_twisting_feet():
-    """The design note: 51, 4.4, 3.3, 1.0 cm/s; 0.4..0.5 deg of tilt from the accelerometer bias."""
+    """Figures of a study before this one: 51, 4.4, 3.3, 1.0 cm/s; 0.4..0.5 deg of tilt from the accelerometer bias."""
     rmse = {n: 100 * np.mean([scores("twist", s)[n].rmse for s in SEEDS]) for n in NAMES}
     assert 25.0 < rmse["imu"] < 120.0
     assert 3.0 < rmse["kinematics"] < 5.5

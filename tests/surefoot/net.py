@@ -49,7 +49,7 @@ class Net:
 
 
 class Inbox:
-    """What came, in order, with bounded waits."""
+    """Return what came, in order, with bounded waits."""
 
     def __init__(self) -> None:
         self.queue: SimpleQueue[Any] = SimpleQueue()

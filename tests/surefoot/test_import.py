@@ -1,4 +1,4 @@
-"""What an import loads: ours beside folders of the same names, and of the wire the files of its own topics."""
+"""Packages that an import loads: ours beside folders of the same names, and of the wire the files of its own topics."""
 
 import os
 import sys

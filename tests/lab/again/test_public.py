@@ -1,4 +1,4 @@
-"""The public list of hashes: twenty runs, each scenario, and what `surefoot verify` says of them."""
+"""The public list of hashes: twenty runs, each scenario, and what `surefoot verify` reports of them."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""What is exported comes back as it was; a format that is not known, or a path that exists, is refused."""
+"""Exports come back as they were; a format that is not known, or a path that exists, is refused."""
 
 from pathlib import Path
 

@@ -94,7 +94,7 @@ def test_a_biped_in_paced_time_walks_on_without_a_fall_and_to_the_bit() -> None:
 
 
 def test_an_order_that_reaches_a_frozen_walker_too_late_is_repeated() -> None:
-    """Who asked waits for it, as over a network; meanwhile the tick of the order passes."""
+    """The caller waits for it, as over a network; meanwhile the tick of the order passes."""
     frozen = ChaosEvent("freeze", 69, "walker", size=0.3)
     found = suffer(walk_of("ragno"), [frozen], 0, paced=True)
     assert [outcome.event for outcome in found.outcomes if outcome.recovered is not None] == [frozen]

@@ -1,4 +1,4 @@
-"""The doctor finds nothing wrong where the tests run, and tells what is wrong where something is."""
+"""The doctor finds nothing wrong where the tests run, and names what is wrong where something is."""
 
 import socket
 

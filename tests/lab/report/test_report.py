@@ -56,7 +56,7 @@ def limits():
 
 
 def content(text):
-    """What a page's scripts read."""
+    """Return what a page's scripts read."""
     packed = re.search(r'id="data">([^<]*)<', text).group(1)
     return json.loads(gzip.decompress(base64.b64decode(packed)))
 

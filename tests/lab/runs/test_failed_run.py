@@ -1,4 +1,4 @@
-"""Runs that mean nothing end at once and never pass; a service that cannot be set up says so in a sentence."""
+"""Runs that mean nothing end at once and never pass; a service that cannot be set up reports it in a sentence."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""What samples may be made of: anything that holds their numbers, and nothing else."""
+"""Forms of samples: anything that holds their numbers, and nothing else."""
 
 import numpy as np
 import pytest

@@ -135,7 +135,7 @@ def test_ground_that_has_moved_begins_anew():
 def tilted(seed, bias, images=40, step=0.004):
     """A map under odometry that is tilted by a constant pitch, and the robot's true height above level ground.
 
-    The odometry loses height by the tilt on its way; its covariance says so.
+    The odometry loses height by the tilt on its way; its covariance shows it.
     """
     rng, mapper = np.random.default_rng(seed), Mapper(PARAMS)
     pitch = bias * rng.standard_normal()

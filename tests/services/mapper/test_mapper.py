@@ -92,7 +92,7 @@ def walked(images=10):
 
 
 def pitched(view, degrees):
-    """The image, said to be of a camera that looks further down: the mount has bent the other way."""
+    """The image, stated to be of a camera that looks further down: the mount has bent the other way."""
     turn = matrix_from_rpy(0.0, math.radians(degrees), 0.0)
     return view._replace(quat_wxyz=quat_from_matrix(turn @ LOOK))
 

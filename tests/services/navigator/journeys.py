@@ -94,7 +94,7 @@ class Journey:
         return messages
 
     def frame(self) -> LandmarkDetections:
-        """What the camera recognises."""
+        """Return what the camera recognises."""
         w = self.walker
         away = self.places - (w.x, w.y)
         r, a = np.hypot(*away.T), np.angle(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) - w.yaw)))

@@ -1,4 +1,4 @@
-"""What a camera or a ranger must not do to the navigator: a typed refusal, never a crash or a confident wrong pose."""
+"""Bad frames of a camera and echoes of a ranger: a typed refusal, never a crash or a confident wrong pose."""
 
 import math
 

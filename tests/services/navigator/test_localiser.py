@@ -1,4 +1,4 @@
-"""What the localiser makes of odometry that corrects its past."""
+"""The localiser follows odometry that corrects its past."""
 
 import math
 

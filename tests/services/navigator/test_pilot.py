@@ -79,7 +79,7 @@ class Run:
         return self.pilot.state, self.pilot.error
 
     def ended(self) -> bool:
-        """Whether the goal has ended."""
+        """Return whether the goal has ended."""
         return self.pilot.state not in ("navigating", "stopping")
 
 

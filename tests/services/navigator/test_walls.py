@@ -49,7 +49,7 @@ class Walled(Journey):
         return None if math.isinf(first) else max(SHORTEST, float(first))
 
     def touched(self) -> bool:
-        """Whether the walker stands in a box."""
+        """Return whether the walker stands in a box."""
         w = self.walker
         return any(x0 < w.x < x1 and y0 < w.y < y1 for x0, y0, x1, y1 in self.boxes)
 

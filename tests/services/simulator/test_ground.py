@@ -1,4 +1,4 @@
-"""What a scenario asks for: grounds by name or file, perturbation by level."""
+"""Grounds that a scenario asks for: by name or file, perturbation by level."""
 
 import numpy as np
 import pytest

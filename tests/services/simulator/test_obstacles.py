@@ -1,4 +1,4 @@
-"""Obstacles that no map shows: where they are, what the ranger hears, and that touching them is known."""
+"""Obstacles that no map shows: where they are, which echoes of them come, and that touching them is known."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""What heartbeats mean to the supervisor."""
+"""Heartbeats as the supervisor reads them."""
 
 from types import SimpleNamespace
 from typing import Any, cast

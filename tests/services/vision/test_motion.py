@@ -1,4 +1,4 @@
-"""What has moved since an image, by odometry that may correct its past."""
+"""Motion since an image, by odometry that may correct its past."""
 
 import math
 

@@ -13,7 +13,7 @@ def choose(outcomes: Outcomes, leg: str, x: float, status: str = "ok") -> None:
 def test_a_stance_belongs_to_the_choice_before_the_one_for_its_next_step() -> None:
     outcomes = Outcomes()
     choose(outcomes, "lf", 0.1)
-    outcomes.ended("lf", 0.5)  # the stance of the start: nobody chose it
+    outcomes.ended("lf", 0.5)  # the stance of the start: it was not chosen
     assert outcomes.take() == ()
     choose(outcomes, "lf", 0.2)  # it stands at 0.1 and lifts off now
     outcomes.ended("lf", 0.003)

@@ -25,7 +25,7 @@ def frame(owner: str) -> Frame:
 
 
 def got_by_a_sleeper(inbox: Inbox, awaited: set[str], puts: Sequence[Callable[[], object]]) -> bool:
-    """Whether a reader that sleeps is woken by the last of what is put, and by none before."""
+    """Return whether a reader that sleeps is woken by the last of what is put, and by none before."""
     asleep, woken = threading.Event(), threading.Event()
 
     def read() -> None:

@@ -1,4 +1,4 @@
-"""What a peer that was killed leaves in those that live on: no memory, no descriptors; and a reader that raises."""
+"""A peer that was killed leaves in those that live on no memory, no descriptors; and a reader that raises."""
 
 import signal
 import subprocess

@@ -158,7 +158,7 @@ def test_participants_get_a_tick_in_one_piece_and_a_batch_when_it_is_full(net: N
 def test_onlookers_hear_the_topic_itself_from_when_they_listen(net: Net) -> None:
     inbox, owner = Inbox(), net.open()
     publisher = owner.publisher(topics.STATE_VELOCITY)
-    velocities(owner, [publisher], 0, batch=True)  # nobody listens
+    velocities(owner, [publisher], 0, batch=True)  # no process listens
     net.open("client").subscribe(topics.STATE_VELOCITY, inbox.put)
     assert isinstance(publisher, FramedPublisher)
     wait_until(lambda: publisher.watched)

@@ -18,7 +18,7 @@ ZERO = [0.0, 0.0, 0.0]
 
 
 class Member:
-    """What a participant keeps: proof of its input, its answers for repetition, and what waits for the batch."""
+    """Memory of a participant: proof of its input, its answers for repetition, and what waits for the batch."""
 
     def __init__(self, session, prefix):
         self.session, self.prefix = session, prefix
@@ -91,7 +91,7 @@ def main(endpoint, prefix):
         while not member.answers:
             try:
                 member.on_frame(arrived.get(timeout=0.5))
-            except queue.Empty:  # nobody primes: ask for it
+            except queue.Empty:  # no prime comes: ask for it
                 list(session.get(f"{prefix}/sim/join", payload=request, timeout=0.3))
         while True:
             member.on_frame(arrived.get())

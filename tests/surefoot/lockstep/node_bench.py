@@ -123,6 +123,6 @@ class Bench:
         self.tick(tick, **fields)
 
     def raw(self, topic: Topic[Any], payload: bytes, encoding: str = "", attachment: bytes | None = None) -> None:
-        """What comes from the network, whoever sent it."""
+        """Messages from the network, whoever sent them."""
         self.node.handle(Delivery(topic, None, Raw(payload, attachment, encoding)))
         self.node.pump()

@@ -1,4 +1,4 @@
-"""Which of several processes acts as a service: names that the supervisor's secret seals, newer ones, strangers."""
+"""Binding of one of several processes to a service: names that the supervisor's secret seals, newer ones, strangers."""
 
 import pickle
 from itertools import permutations

@@ -38,7 +38,7 @@ def test_hold_waits_and_a_new_process_joins(name: str, at: int) -> None:
     assert name in bench.leader.members
     assert bench.node.refused["resent_ticks"] == 0  # nothing had to be waited for
     if name == "estimator":
-        assert set(new.versions) == {4}  # latched state is told to the newcomer
+        assert set(new.versions) == {4}  # latched state is sent to the process that came last
 
 
 @pytest.mark.parametrize("pumps", range(1, 7))

@@ -1,4 +1,4 @@
-"""A process that imports nothing of ours takes part in lockstep, by what docs/systems.md says of the wire."""
+"""A process that imports nothing of ours takes part in lockstep, by what docs/systems.md states of the wire."""
 
 import subprocess
 import sys

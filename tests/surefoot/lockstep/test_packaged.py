@@ -46,7 +46,7 @@ class Reader(Service[ServiceConfig]):
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """What an installer leaves behind."""
+    """Return what an installer leaves behind."""
     (tmp_path / "countlegs.py").write_text(SERVICE)
     info = tmp_path / "countlegs-1.0.dist-info"
     info.mkdir()

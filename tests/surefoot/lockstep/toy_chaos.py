@@ -28,7 +28,7 @@ class Found(AssertionError):
 
 
 def forge(topic: Topic[Any], delivery: Delivery) -> Delivery | None:
-    """What an impostor publishes before the owner: the same header, other content."""
+    """Message that an impostor publishes before the owner: the same header, other content."""
     message = delivery.message()
     header = (message.stamp_ns, message.tick, message.epoch, message.seq, "x")
     if topic.key == "cmd/joints":
@@ -83,7 +83,7 @@ def drawn_at_start(seed: int) -> tuple[ChaosEvent, ...]:
 
 
 def failure(events: Sequence[ChaosEvent], seed: int, expected: list[float]) -> str:
-    """What is wrong with a run, "" = nothing: the driver or, while only messages are spoilt, the observer differs."""
+    """Return what is wrong with a run, "" = nothing: the driver differs, or the observer if only messages are."""
     try:
         history, system = run_events(events, seed)
     except Exception as error:
@@ -212,7 +212,7 @@ PLANTED: dict[str, tuple[Any, str, Any]] = {
     "successor_gets_nothing_of_the_past": (leader.Leader, "rejoin", rejoin_without_past),
     "nonsense_answers_a_tick": (driver_module.DriverNode, "_on_delivery", answered_by_nonsense),
 }
-"""What takes the place of what, by the name of the fault."""
+"""Replacements of parts, by the name of the fault."""
 ANY_TICK_SEED = 81
 """First seed of faults before tick 0 that finds `begin_with_any_tick`; 6000 seeds of faults from tick 1 on do not."""
 FIRST_SEED = {

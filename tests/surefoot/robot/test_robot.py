@@ -85,7 +85,7 @@ def test_ragno_centre_of_mass_follows_the_legs_as_published():
 def test_imu_profile_is_in_si():
     gyro, accel = load_robot("ragno").imu.profile.gyro, load_robot("ragno").imu.profile.accel
     assert gyro.lsb == pytest.approx(math.radians(0.05))
-    assert gyro.noise_density * math.sqrt(50) == pytest.approx(0.0054, rel=0.01)  # rad/s at 100 Hz, estimator note 3
+    assert gyro.noise_density * math.sqrt(50) == pytest.approx(0.0054, rel=0.01)  # rad/s at 100 Hz
     assert accel.noise_density * math.sqrt(50) == pytest.approx(0.035, rel=0.02)  # m/s2
     assert accel.limit == pytest.approx(18 * 9.81)
 

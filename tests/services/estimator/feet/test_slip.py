@@ -45,7 +45,7 @@ def stance(way: np.ndarray, turn: np.ndarray, n: int = 20) -> tuple[np.ndarray, 
 
 
 def noiseless(way: float) -> float:
-    """What is reported of a way: less the noise of a foot at rest."""
+    """Return the slip that is reported of a way: less the noise of a foot at rest."""
     return math.sqrt(max(0.0, way * way - SIGMA * SIGMA))
 
 

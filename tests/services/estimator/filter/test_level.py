@@ -100,7 +100,7 @@ def test_the_height_does_not_drift_on_floors_and_stairs(stair):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_rough_ground_and_slopes_correct_little(seed):
-    """A rough ground is level on average; its 3 cm say little about a drift of 1 mm each step, and a slope nothing."""
+    """A rough ground is level on average; its 3 cm show little of a drift of 1 mm each step, and a slope nothing."""
     rng = np.random.default_rng(seed)
     _, wrong = walk(lambda x: rng.uniform(-0.03, 0.03))
     assert 0.6 < wrong / (60 * DRIFT) < 1.2

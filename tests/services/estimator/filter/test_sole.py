@@ -58,7 +58,7 @@ def standing(before, seed=0):
 
 
 def turned_about(turns, f, pivot, axis):
-    """How the 6 points move, (33,), if sole f turns about an axis (3,), odom axes, through a place of the foot."""
+    """Return how the 6 points move, (33,), if sole f turns about an axis (3,), odom, through a place of the foot."""
     way = np.zeros(33)
     for k in range(3 * f, 3 * f + 3):
         way[E.points + 3 * k : E.points + 3 * k + 3] = np.cross(axis, turns[f] @ (FEET.place[k] - pivot))

@@ -207,7 +207,7 @@ def test_echoes_count_once_a_second_and_never_decide_alone():
 
 
 def test_echoes_as_expected_beforehand_let_later_ones_weigh_no_more():
-    """What they took from a displaced robot the rate gave back: 3 nats beyond that rate are the most of all others."""
+    """The rate gave back what they took from a displaced robot: 3 nats beyond that rate are the most of all others."""
     state = plain = LostState()
     for k in range(90):
         state, plain = (passed(each, 1.7, MODEL) for each in (state, plain))

@@ -30,7 +30,7 @@ def drawn(rng, cov=COV, low=(0.0, -0.5, -3.1), high=(5.0, 0.5, 3.1)):
 
 
 def frames(eye, rng, count, cov=COV):
-    """What is believed of `count` true poses, and what a camera sees there: detections and ids of landmarks."""
+    """Return the belief about `count` true poses, and what a camera sees there: detections and ids of landmarks."""
     for _ in range(count):
         truth, mean = drawn(rng, cov)
         yield mean, *eye.look(truth)

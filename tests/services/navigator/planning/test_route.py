@@ -239,7 +239,7 @@ def test_the_place_named_for_a_refused_goal_is_the_nearest_that_a_way_leads_to(s
 
 
 def leads(costs, start, goal):
-    """Whether there is a route."""
+    """Return whether there is a route."""
     try:
         plan(costs, start, goal)
     except RouteError:

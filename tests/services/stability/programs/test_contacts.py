@@ -1,4 +1,4 @@
-"""What is refused at the border, by code and field."""
+"""Refusals at the border, by code and field."""
 
 import numpy as np
 import pytest

@@ -146,7 +146,7 @@ def test_a_null_direction_is_left_alone() -> None:
     from surefoot.services.stability.programs.lanes import MATRIX, P1, SIZE
 
     g = np.zeros(SIZE)
-    for j in (0, 2, 3):  # unknown 1 is felt by nobody
+    for j in (0, 2, 3):  # unknown 1 is felt by no contact
         o = MATRIX + 8 * (j * (j + 1) // 2 + j)
         g[o : o + 8] = 4.0
     g[P1 : P1 + 32] = 1.0

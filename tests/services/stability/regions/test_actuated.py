@@ -57,7 +57,7 @@ def test_between_two_linear_programs(chosen: list[int], limit: float) -> None:
      (TRIPOD, 1.2, 0.957), (TRIPOD, 0.9, 0.805), (TRIPOD, 0.7, 0.643), (TRIPOD, 0.6, 0.544), (TRIPOD, 0.5, 0.421)],
 )  # fmt: skip
 def test_area_over_hull_of_the_design_note(chosen: list[int], limit: float, share: float) -> None:
-    """Note 5, row 5: flat, mu 0.6, no leg weight, 16 directions, Jacobians of the foot centres."""
+    """Case 5 of a first study: flat, mu 0.6, no leg weight, 16 directions, Jacobians of the foot centres."""
     contacts, legs = stance(chosen, limit, own=False)
     legs = ServoLegs(foot_jacobians(RAGNO.model, RAGNO.neutral)[chosen], legs.own, legs.limit, legs.weight)
     whole = area(hull(np.ascontiguousarray(contacts.position[:, :2])))

@@ -1,6 +1,6 @@
 """Sets that tempt a solver into a wrong answer: needles, spots, walls without a limit of friction, wild friction.
 
-Every verdict is held against proofs checked here, and against what other functions say of the same set.
+Every verdict is held against proofs checked here, and against what other functions return for the same set.
 """
 
 import math
@@ -166,7 +166,7 @@ def test_directions_to_begin_with_are_never_half_a_turn_apart(apex: float) -> No
 
 
 def test_a_margin_the_kernel_gives_up_on_is_found_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The kernel that stops early leaves a margin too large; clarabel goes on, and says so if it cannot either."""
+    """The kernel that stops early leaves a margin too large; clarabel goes on, and reports it if it cannot either."""
     rng = np.random.default_rng(73)
     contacts = contact_set(rng.uniform(-0.2, 0.2, (6, 3)), normals(rng, 6, 25.0), 0.6)
     found = region(contacts, SIXTEEN)
@@ -184,7 +184,7 @@ def test_a_margin_the_kernel_gives_up_on_is_found_all_the_same(monkeypatch: pyte
 
 
 def test_the_middle_of_a_circle_has_a_margin() -> None:
-    """Two feet of one vertical: all directions are equally near, and none can be told to be the nearest."""
+    """Two feet of one vertical: all directions are equally near, and none is the nearest."""
     contacts = contact_set([[0.0, 0.0, 0.1], [0.0, 0.0, -0.1]], [UP] * 2, [1.4, 0.4])
     found = region(contacts)
     radius = support_value(contacts, SIXTEEN[0])
@@ -195,7 +195,7 @@ def test_the_middle_of_a_circle_has_a_margin() -> None:
 
 
 def test_friction_that_only_looks_limited_is_refused() -> None:
-    """Above 1e4 answers would lose the digits they promise; null says what is meant."""
+    """Above 1e4 answers would lose the digits they promise; null states what is meant."""
     contact_set(SQUARE, [UP] * 4, MAX_MU)
     with pytest.raises(StabilityError) as refused:
         contact_set(SQUARE, [UP] * 4, [0.5, 0.5, 1e5, 0.5])

@@ -227,7 +227,7 @@ def test_caution_never_adds_margin() -> None:
 def test_robust_margin_leaves_out_no_direction() -> None:
     """Independent of where the search begins: never above the value in any of 720 directions.
 
-    The same doubt in all directions moves every edge inwards alike: margin less kappa sd, whichever edge is nearest.
+    The same uncertainty in all directions moves every edge inwards alike: margin less kappa sd, by any edge.
     """
     rng = np.random.default_rng(46)
     for k, contacts in enumerate(feasible_sets(46, 8, (3, 7))):

@@ -1,4 +1,4 @@
-"""What must hold for every contact set, whatever the numbers."""
+"""Properties of every contact set, whatever the numbers."""
 
 import numpy as np
 from hypothesis import given, settings

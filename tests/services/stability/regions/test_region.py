@@ -138,7 +138,7 @@ def test_unlimited_friction_is_the_limit_of_large_friction() -> None:
 
 @pytest.mark.parametrize("slope", [0.0, 5.0, 20.0, 26.0])
 def test_coplanar_contacts_give_exactly_the_hull(slope: float) -> None:
-    """And the solver agrees with the short cut, which a lifted contact switches off."""
+    """The solver, too, agrees with the short cut, which a lifted contact switches off."""
     rng = np.random.default_rng(int(slope))
     xy = rng.uniform(-0.2, 0.2, (6, 2))
     z = np.tan(np.radians(slope)) * xy[:, 0]

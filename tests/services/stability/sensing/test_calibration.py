@@ -13,7 +13,7 @@ MOVES = [(0.0, 0.0), (0.03, 0.0), (-0.03, 0.0), (0.0, 0.02), (0.0, -0.02), (0.02
 
 
 def poses(gain: np.ndarray, offset: tuple[float, float] = (0.0, 0.0), noise: float = 0.0) -> list[SweptPose]:
-    """Standing with the trunk moved over the feet; told torques are the true ones divided by the gain."""
+    """Standing with the trunk moved over the feet; the stated torques are the true ones divided by the gain."""
     rng = np.random.default_rng(7)
     out = []
     for x, y in MOVES:

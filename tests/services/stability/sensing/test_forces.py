@@ -105,7 +105,7 @@ def test_torques_back_to_forces_with_the_weight_of_the_legs() -> None:
 
 
 def test_leg_weight_is_a_fifth_of_the_load() -> None:
-    """A neutral middle leg reads 2.79 N instead of 3.52 N when its own weight is left out (design note 2.7)."""
+    """A neutral middle leg reads 2.79 N instead of 3.52 N when its own weight is left out."""
     torque = gravity_torques(RAGNO.model, RAGNO.neutral, UP)
     jacobian = foot_jacobians(RAGNO.model, RAGNO.neutral)
     load = np.array([0.0, 0.0, RAGNO.mass * 9.81 / 6.0])
@@ -157,7 +157,7 @@ def test_jacobian_of_the_contact_point_against_differences() -> None:
 
 @pytest.mark.parametrize("gain", [0.7, 1.0, 1.3])
 def test_com_is_free_of_the_gain_of_the_torques(gain: float) -> None:
-    """Known weight, unknown gain: CoM to 1e-9 m where the told torques alone miss by millimetres (note 2.8)."""
+    """Known weight, unknown gain: CoM to 1e-9 m where the stated torques alone miss by millimetres."""
     q = RAGNO.neutral + 0.1 * np.random.default_rng(4).normal(size=18)
     com = np.array([0.02, -0.015])
     told = standing(held(q, com), q) / gain
@@ -189,7 +189,7 @@ def test_fusion_is_the_weighted_mean_along_the_normal() -> None:
     found = fuse_normal(given, normal, np.array([5.0, 6.0]), np.array([1.0, 0.25]))
     np.testing.assert_allclose(found.force[0], [1.0, 2.0, (4.0 / 3.0 + 5.0) / (1.0 / 3.0 + 1.0)])
     np.testing.assert_allclose(np.diag(found.covariance[0]), [1.0, 1.0, 0.75])
-    np.testing.assert_allclose(found.force[1], [0.0, 0.0, 6.0], atol=1e-12)  # torques tell nothing: the sensor alone
+    np.testing.assert_allclose(found.force[1], [0.0, 0.0, 6.0], atol=1e-12)  # torques show nothing: the sensor alone
     assert found.observed.all()
     assert found.covariance[1, 0, 0] > 1.0
     silent = fuse_normal(given, normal, np.array([np.nan, np.nan]), np.ones(2))

@@ -1,4 +1,4 @@
-"""Whichever service drives is found on the bus: its name is nobody's business, and only a simulator is reset."""
+"""Whichever service drives is found on the bus: its name does not matter, and only a simulator is reset."""
 
 import threading
 
@@ -22,7 +22,7 @@ services:
 
 @pytest.fixture
 def appear(listen, monkeypatch):
-    """The processes of the system do nothing; here is what they would say on the bus."""
+    """The processes of the system do nothing; here is what they would publish on the bus."""
     monkeypatch.setenv("SUREFOOT_NAMESPACE", "test/bench")
     buses = []
 

@@ -1,4 +1,4 @@
-"""Logs of several services are shown in the order of time, each line with what else it says."""
+"""Logs of several services are shown in the order of time, each line with what else it holds."""
 
 import json
 from pathlib import Path

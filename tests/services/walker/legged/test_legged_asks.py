@@ -1,4 +1,4 @@
-"""What the hexapod asks before a step, of footholds and stability, and what it makes of the answers."""
+"""Requests of the hexapod to footholds and stability before a step, and its use of the answers."""
 
 import numpy as np
 import pytest
