@@ -14,6 +14,8 @@ from surefoot.arrays import Array
 
 REGION_95 = 7.815
 """Bound of the NEES, 3 dimensions, below which 95 % of the errors of a consistent estimate are (chi^2)."""
+Z95 = 1.959964
+"""Half width of the 95 % interval of a normal distribution, in standard deviations."""
 RESAMPLINGS = 4000
 """Number of bootstrap samples from which the interval of a ratio is computed."""
 
@@ -103,6 +105,11 @@ def chi_band(n: int, freedom: int = 3) -> tuple[float, float]:
     from scipy import stats
 
     return float(stats.chi2.ppf(0.025, freedom * n) / n), float(stats.chi2.ppf(0.975, freedom * n) / n)
+
+
+def nees(error: Array, cov: Array) -> Array:
+    """Return the normalised error squared e^T S^-1 e, (n,), no unit, of errors (n, 3) with covariances (n, 3, 3)."""
+    return np.einsum("ni,ni->n", error, np.linalg.solve(cov, error[..., None])[..., 0])
 
 
 def paired(ours: ArrayLike, others: ArrayLike) -> Difference:

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from surefoot.arrays import Array
 
+from ..statistics import Z95
 from .log import Log
 
 WINDOW_S = 0.1
@@ -324,5 +325,5 @@ def _solve(matrix: Array, wanted: Array, when: Array, overlap: float) -> tuple[A
     normal = a.T @ a
     variance = overlap * np.mean((weight * size) ** 2) / 3.0
     bad = np.linalg.cond(normal) > 1e12
-    spread = np.full(len(x), np.inf) if bad else 1.96 * np.sqrt(variance * np.diag(np.linalg.inv(normal)))
+    spread = np.full(len(x), np.inf) if bad else Z95 * np.sqrt(variance * np.diag(np.linalg.inv(normal)))
     return x, np.maximum(spread, _jackknife(np.array(without)))

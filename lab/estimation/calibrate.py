@@ -16,12 +16,11 @@ from surefoot.geometry.linear_kernels import times_transposed
 from surefoot.geometry.rotations import matrix_from_rotvec, rotvec_from_matrix
 from surefoot.kernels.jit import kernel
 
+from ..statistics import Z95
 from .legs import RESIZING, SHOWN, LegModel, Unknown, lengths_alike, unknowns_of
 from .log import Log
 from .stances import WINDOWS, InertialPath, StanceNoise, find_noise, stance_windows, stances, with_inflation
 
-NORMAL_95 = 1.96
-"""Half width of the 95 % interval of a normal distribution, in standard deviations."""
 FEWEST_WINDOWS = 2
 """Number of time windows of a log below which no parameter is observable: their spread gives the interval."""
 WIDER = {"length": 1.6, "offset": 2.0, "mounting": 3.0, "lever": 3.0}
@@ -89,7 +88,7 @@ class LegCalibration:
         for u, value, sd in zip(self.unknowns, self.theta, np.sqrt(np.diag(self.covariance)), strict=True):
             if u.kind in SHOWN:
                 factor, unit = SHOWN[u.kind]
-                half = float(np.hypot(NORMAL_95 * WIDER.get(u.kind, 1.0) * sd, ALWAYS.get(u.kind, 0.0)))
+                half = float(np.hypot(Z95 * WIDER.get(u.kind, 1.0) * sd, ALWAYS.get(u.kind, 0.0)))
                 seen = half < NARROW * u.range and abs(float(value)) <= u.range and self.windows >= FEWEST_WINDOWS
                 out.append((u, CalibratedValue(u.name, unit, factor * float(value), factor * half, seen)))
         return out

@@ -5,7 +5,8 @@ import numpy as np
 from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
 
-from .calibrate import NARROW, NORMAL_95, CalibratedValue
+from ..statistics import Z95
+from .calibrate import NARROW, CalibratedValue
 from .log import Log
 
 EDGE_S = 0.03
@@ -52,7 +53,7 @@ def _zero(log: Log, foot: int, force: Array, weight: float) -> CalibratedValue:
     name, likely = f"force zero of foot {foot}", ZERO_SHARE * abs(weight)
     if len(seen) < FEWEST_SWINGS:
         return CalibratedValue(name, "N", 0.0, likely, False)
-    half = NORMAL_95 * float(np.std(seen, ddof=1)) / len(seen) ** 0.5 * (1.0 + 2.0 / len(seen))  # about Student's
+    half = Z95 * float(np.std(seen, ddof=1)) / len(seen) ** 0.5 * (1.0 + 2.0 / len(seen))  # about Student's
     return CalibratedValue(name, "N", -float(np.mean(seen)), half, half < NARROW * likely)
 
 
@@ -85,7 +86,7 @@ def _scales(log: Log, force: Array) -> list[CalibratedValue]:
     if not known:
         turn = np.eye(count) - 1.0 / count
         scale, inverse, spread = turn @ scale, turn @ inverse @ turn, turn @ spread @ turn
-    half = NORMAL_95 * np.sqrt(np.maximum(np.diag(inverse), np.diag(spread)))
+    half = Z95 * np.sqrt(np.maximum(np.diag(inverse), np.diag(spread)))
     return [
         CalibratedValue(
             f"{label} {f}", "%", 100.0 * float(scale[f]), 100.0 * float(half[f]), bool(half[f] < NARROW * SCALE_RANGE)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from surefoot.arrays import Array, Flags
+from surefoot.geometry.constants import GRAVITY
 from surefoot.services.estimator.filter.noise import FIXED
 from surefoot.services.estimator.stream import BEST
 
@@ -168,7 +169,7 @@ def _robot_wrong(stamp, position, rot, contact, *, rng, memory):  # type: ignore
 CORRUPTIONS: dict[str, Corruption] = {
     "gyro NaN": _imu_value(np.nan, "w"), "gyro inf": _imu_value(np.inf, "w"), "acc NaN": _imu_value(np.nan, "q"),
     "acc -inf": _imu_value(-np.inf, "q"), "gyro in deg/s": _imu_scaled("w", 57.29578),
-    "acc in g": _imu_scaled("q", 1 / 9.81),
+    "acc in g": _imu_scaled("q", 1 / GRAVITY),
     "acc sign": _imu_scaled("q", -1.0), "gyro sign": _imu_scaled("w", -1.0), "imu held": _imu_held,
     "imu spike": _imu_spike,
     "imu clipped": _imu_clipped, "imu lost": _imu_lost, "imu zero": _imu_scaled("q", 0.0),

@@ -7,6 +7,8 @@ import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from surefoot.geometry.constants import GRAVITY
+
 from ..report.drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE
 from .results import NIS_BAND, Result
 from .scores import base_pose
@@ -38,7 +40,7 @@ def draw(result: Result, path: Path) -> Path:
         for i, axis in enumerate("xyz"):
             axes[3].plot(t, up[:, i], color=(BLUE, ORANGE, GREEN)[i], label=f"up {axis}")
             if log.truth is not None:
-                axes[3].plot(t, log.up[rows, i] / 9.81, color=INK, lw=0.6)
+                axes[3].plot(t, log.up[rows, i] / GRAVITY, color=INK, lw=0.6)
         axes[3].set(ylabel="up, IMU axes")
         axes[3].legend(ncols=3, loc="upper right")
         axes[4].semilogy(t, np.maximum(track.nis[rows], 1e-3), ".", ms=2, color=BLUE)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.arrays import Array, Flags
 
-from ..statistics import REGION_95
+from ..statistics import REGION_95, nees
 from . import trajectory
 from .log import Log
 from .track import Track
@@ -147,11 +147,6 @@ def smoothed(error: Array, log: Log, seconds: float = WINDOW_S) -> Array:
         return error.mean(axis=0, keepdims=True)
     total = np.cumsum(np.vstack([np.zeros(3), error]), axis=0)
     return (total[rows:] - total[:-rows]) / rows
-
-
-def nees(error: Array, p: Array) -> Array:
-    """Return e^T P^-1 e of each row, (n,), no unit, of errors e (n, 3) with covariances P (n, 3, 3), any unit."""
-    return np.einsum("ni,ni->n", error, np.linalg.solve(p, error[..., None])[..., 0])
 
 
 def tilt(log: Log, found: Track) -> Array:

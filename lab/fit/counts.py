@@ -11,8 +11,9 @@ from scipy.stats import t as student
 from surefoot.arrays import Array
 from surefoot.services.navigator.policy.params import NavigationModel
 
+from ..statistics import Z95
 from .events import FRAME, Run
-from .result import Z95, Fitted, Interval
+from .result import Fitted, Interval
 
 FULL = 0.99
 """Largest share of the matches that fit into the camera frames, 0 to 1; a larger observed share is reduced to it."""

@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass, field
 
-Z95 = 1.959964
-"""Half width of the 95 % interval of a normal distribution, in standard deviations."""
-
 
 @dataclass(frozen=True)
 class Interval:

@@ -13,10 +13,10 @@ from scipy.optimize import brentq, minimize
 
 from surefoot.arrays import Array
 
+from ..statistics import Z95
 from .events import Run
 from .likelihood import minus_log_likelihoods
 from .merged import merged
-from .result import Z95
 
 STEP = 1e-3
 """Step of the finite differences for gradient and curvature of -ln L, in the unit of the search coordinate (the

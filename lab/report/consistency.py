@@ -11,6 +11,7 @@ from scipy.special import chdtri
 
 from surefoot.arrays import Array
 
+from ..statistics import nees
 from . import judge
 from .traces import Traces
 
@@ -76,6 +77,6 @@ def consistency(traces: Traces) -> list[ConsistencyTest]:
             found.append(ConsistencyTest("NEES of the velocity, axes apart", 3, rows))
     error, cov = judge.pose_error(truth, traces.series("state/pose"))
     if len(error):
-        rows = np.column_stack((error[:, 0], judge.nees(error[:, 1:], cov)))
+        rows = np.column_stack((error[:, 0], nees(error[:, 1:], cov)))
         found.append(ConsistencyTest("NEES of the pose in the map", 3, rows))
     return [test for test in found if len(test.rows)]

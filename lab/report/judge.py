@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from surefoot.arrays import Array
 from surefoot.services.supervisor.scenarios.limits import LIMITS, Side
 
-from ..statistics import REGION_95
+from ..statistics import REGION_95, nees
 from .traces import VARIANTS, Traces
 
 DEG = math.degrees(1.0)
@@ -299,11 +299,6 @@ def pose_error(truth: Array, belief: Array) -> tuple[Array, Array]:
     real, found = truth[here], belief[there]
     turn = np.angle(np.exp(1j * (found[:, 3] - real[:, 7])))
     return np.column_stack([found[:, 0], found[:, 1:3] - real[:, 1:3], turn]), found[:, 4:13].reshape(-1, 3, 3)
-
-
-def nees(error: Array, cov: Array) -> Array:
-    """Return the normalised error squared e^T S^-1 e, (n,), no unit, of errors (n, 3) with covariances (n, 3, 3)."""
-    return np.einsum("ni,ni->n", error, np.linalg.solve(cov, error[..., None])[..., 0])
 
 
 def since_ready(rows: Array, gait: Array) -> Array:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from surefoot.arrays import Array
+from surefoot.geometry.constants import GRAVITY
 from surefoot.nearest import did_you_mean
 from surefoot.robot.description import RobotError
 from surefoot.tables import shown
@@ -52,7 +53,7 @@ def sensors(
         assumed.append(
             "inertial unit: at the trunk's frame; better: --imu LINK or --imu x,y,z of this command, or [imu]"
         )
-    weight = 9.81 * sum(s.mass for s in segs)
+    weight = GRAVITY * sum(s.mass for s in segs)
     missing += ["noise of the inertial unit (that of adis16365 is taken)", "contact thresholds"]
     return {
         "imu": {

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from surefoot.arrays import Array
+from surefoot.geometry.constants import GRAVITY
 from surefoot.lab.report.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, new_figure, write_figures
 
 from . import ragno as walas_ragno
@@ -131,11 +132,11 @@ def _figure_18(s: StabilityStudy) -> Figure:
     figure, axes = _new(6.4, 3.8, "Fig. 18: characteristic of a pressure sensor")
     sensor = s.sensor
     force = np.linspace(0.0, 30.0, 400)
-    axes.plot(force / 9.81, sensor.voltage(force), color=BLUE, label="characteristic")
+    axes.plot(force / GRAVITY, sensor.voltage(force), color=BLUE, label="characteristic")
     inside = np.array([sensor.least, sensor.most])
     offset, slope = sensor.line()
-    axes.plot(inside / 9.81, (inside - offset) / slope, color=RED, label="straight line, 0.5 to 2 kg")
-    axes.axvspan(inside[0] / 9.81, inside[1] / 9.81, color=GREY, alpha=0.12)
+    axes.plot(inside / GRAVITY, (inside - offset) / slope, color=RED, label="straight line, 0.5 to 2 kg")
+    axes.axvspan(inside[0] / GRAVITY, inside[1] / GRAVITY, color=GREY, alpha=0.12)
     axes.set_xlabel("load, kg")
     axes.set_ylabel("voltage, V")
     axes.legend(loc="lower right")

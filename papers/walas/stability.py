@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from surefoot.geometry.constants import GRAVITY
 from surefoot.lab.report.findings import Finding, Reproduction, at_most, fact
 from surefoot.robot.reader import load_robot
 from surefoot.services.stability.sensing.pressure import PressureSensor
@@ -70,18 +71,19 @@ def _extended(s: StabilityStudy) -> list[Finding]:
             abs(walas_ragno.gsm(then) - walas_ragno.gsm(s.demo.corrected) + 1.0) < 1e-6,
             "1 cm less than by kinematics",
         ),
-        walas_ragno.consistency(s.slopes, s.ragno.mass * 9.81),
+        walas_ragno.consistency(s.slopes, s.ragno.mass * GRAVITY),
     ]
 
 
 def _forces(s: StabilityStudy) -> list[Finding]:
     sensor, g = s.sensor, s.gait
     error = sensor.linearity_error()
-    peak, weight = float(g.true.max()), s.messor.mass * 9.81
+    peak, weight = float(g.true.max()), s.messor.mass * GRAVITY
     loaded = g.true > 0.05 * weight
     ours, printed = (float(np.sqrt(np.mean((f - g.true)[loaded] ** 2))) for f in (g.measured, g.printed))
+    least, most = sensor.least / GRAVITY, sensor.most / GRAVITY
     return [
-        fact("4.5, Fig. 18", "range taken as linear, kg", "0.5-2", f"{sensor.least / 9.81:g}-{sensor.most / 9.81:g}"),
+        fact("4.5, Fig. 18", "range taken as linear, kg", "0.5-2", f"{least:g}-{most:g}"),
         fact("4.5, Fig. 18", "largest error of the straight line in it, N", "", f"{error:.2f}"),
         fact("4.5, Fig. 20", "tripod gait: largest force at the tip, N (weight 35.7 N)", "", f"{peak:.1f}"),
         fact("4.5, Fig. 20", "force of a standing leg from currents, RMS error, (30) as printed / ours, N", "",

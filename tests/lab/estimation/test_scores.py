@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from surefoot.lab.estimation.log import Log
-from surefoot.lab.estimation.scores import base_pose, nees, score, smoothed
+from surefoot.lab.estimation.scores import base_pose, score, smoothed
 from surefoot.lab.estimation.track import Track, track
+from surefoot.lab.statistics import nees
 from tests.lab.estimation.walks import clean, noisy
 
 

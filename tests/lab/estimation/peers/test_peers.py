@@ -8,8 +8,9 @@ import pytest
 from surefoot.lab.estimation.log import TrueMotion
 from surefoot.lab.estimation.peers.inekf import InekfNoise, exp3, inekf
 from surefoot.lab.estimation.peers.linear import LinearNoise, linear
-from surefoot.lab.estimation.scores import nees, score
+from surefoot.lab.estimation.scores import score
 from surefoot.lab.estimation.track import track
+from surefoot.lab.statistics import nees
 from tests.lab.estimation.walks import clean, noisy
 
 
