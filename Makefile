@@ -49,7 +49,7 @@ test-processors: warm ## numeric tests under other processor settings (3 min eac
 bench: warm ## the long studies and side-by-side timings
 	$(BIN)/python -m benchmarks all
 
-figures: warm ## figures of the pages beside what the short commands print (20 s)
+figures: warm ## figures of the pages beside what the short commands print (a minute)
 	$(BIN)/python -m benchmarks report --check
 
 wheel: warm ## the wheel with its compiled kernels in dist/ (x86-64 with AVX2)

@@ -236,12 +236,18 @@ def seconds_of(function: Call, clock: Callable[[], float] = time.perf_counter) -
     return clock() - began
 
 
+def children_s() -> float:
+    """Return the processor time of all child processes that have ended, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def of_children(function: Call) -> tuple[float, float]:
     """Return the processor time of the child processes that a call waits for, and its wall time, s."""
-    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    before, began = children_s(), time.monotonic()
     function()
-    wall, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
+    wall = time.monotonic() - began
+    return children_s() - before, wall
 
 
 def microseconds(costs: Sequence[float]) -> tuple[float, float]:

@@ -1,7 +1,12 @@
 """Figures of the pages beside what their commands print now: `python -m benchmarks report --check`.
 
-A table of README.md, docs/measured.md or docs/decisions with a column `command` states figures of that command; a cell
-that is empty stands for the one above. A command in the last line before a table stands for its rows without one.
+A table of `PAGES` with a column `command` states figures of that command; a cell that is empty stands for the one
+above. A command in the last line before a table stands for its rows without one.
+A link with a title, `[0.59](docs/measured.md#estimator-over-logs "slip")`, repeats figures: each number of its text
+must stand in the row `slip` of that section, and so has the command of the row. README.md states figures so.
+
+Left out: prose, because no rule finds which of its numbers a command prints. That holds for docs/decisions, whose
+figures, also those with a command, are the ones of the day on which something was decided; a table there is compared.
 """
 
 import math
@@ -20,7 +25,7 @@ from subprocess import PIPE
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from benchmarks.bench import Bench, table
+from benchmarks.bench import Bench, children_s, table
 from surefoot.lab.studies import finished, keep
 from tests.processes import GRACE_S, running
 
@@ -45,6 +50,11 @@ MADE = "--results F"
 """Option in a stated command that names its results file; the report replaces `F` by a file of its own."""
 LONGEST_S = 1e6
 """Time limit of a command for which none is given, s."""
+REPEATED = re.compile(r'\[([^\]]+)\]\(([\w./-]+\.md)#([\w-]+) "([^"]+)"\)')
+"""Pattern of a link to a row of figures: text, page, anchor of the section, first cell of the row."""
+REPEATING = ("README.md",)
+"""Pages that repeat figures of `PAGES` by links."""
+SHARE = re.compile(r"(?<![\w.])(\d+(?: \d{3})*) of (\d+(?: \d{3})*)(?![\w.])")
 UNIT = re.compile(r" ?(%|mm/s|cm/s|mm|cm|ms|us|ns|mrad)(?![\w])")
 
 
@@ -56,6 +66,20 @@ class Figure(NamedTuple):
     text: str
     """Text of the row's cells that hold figures."""
     command: str
+    section: str = ""
+    """Anchor of the section in which the table stands."""
+
+
+class Repeat(NamedTuple):
+    """Link of a page whose text repeats figures of a row of another page."""
+
+    text: str
+    page: str
+    """Page that is linked, relative to the root of the tree."""
+    section: str
+    """Anchor of the linked section."""
+    what: str
+    """First cell of the row, the title of the link."""
 
 
 class Stated(NamedTuple):
@@ -72,14 +96,14 @@ def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]
     """Yield those rows of tables on pages of the documentation for which a command is stated."""
     for page in pages:
         header: list[str] = []
-        given = above = ""
+        given = above = section = ""
         for line in (root / page).read_text(encoding="utf-8").splitlines():
             if not line.startswith("|"):
                 header, above = [], ""
                 if found := _commands(line):
                     given = found[-1]
                 elif line.startswith("#"):
-                    given = ""
+                    given, section = "", anchor(line.lstrip("# "))
                 continue
             cells = [cell.strip() for cell in line.strip("|").split("|")]
             if not header:
@@ -90,7 +114,27 @@ def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]
                 above = found[0] if found else above
                 shown = [cell for name, cell in list(row.items())[1:] if name not in BESIDE and cell]
                 if (above or given) and shown:
-                    yield Figure(page, cells[0], " | ".join(shown), above or given)
+                    yield Figure(page, cells[0], " | ".join(shown), above or given, section)
+
+
+def anchor(heading: str) -> str:
+    """Return the anchor of a heading of a page."""
+    return re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
+
+
+def repeats(page: str, root: Path = ROOT) -> list[Repeat]:
+    """Return the links of a page that repeat figures of a row."""
+    found = REPEATED.findall((root / page).read_text(encoding="utf-8"))
+    return [Repeat(text, os.path.normpath(Path(page).parent / linked), *rest) for text, linked, *rest in found]
+
+
+def astray(page: str, root: Path = ROOT) -> Iterator[tuple[Repeat, str]]:
+    """Yield the links of a page whose row does not exist, or lacks a number of the link's text, with the reason."""
+    for each in repeats(page, root):
+        rows = [row for row in figures((each.page,), root) if (row.section, row.what) == (each.section, each.what)]
+        gone = min((missing(each.text, row.text) for row in rows), key=len, default=("no such row with a command",))
+        if gone:
+            yield each, ", ".join(gone)
 
 
 def _commands(text: str) -> list[str]:
@@ -140,7 +184,15 @@ def missing(stated: str, printed: str) -> tuple[str, ...]:
         wanted = {abs(each.value): each.half, abs(each.value) / each.scale: each.half / each.scale}
         if not any(abs(value - x) <= half * 1.01 + 1e-12 for x, half in wanted.items() for value in values):
             absent.append(match[0])
+    shares = {(_count(part), _count(whole)) for part, whole in SHARE.findall(printed)}
+    for part, whole in SHARE.findall(stated):  # "50 of 50" is not printed where "49 of 50" is
+        if _count(whole) in {each for _, each in shares} and (_count(part), _count(whole)) not in shares:
+            absent.append(f"{part} of {whole}")
     return tuple(absent)
+
+
+def _count(text: str) -> int:
+    return int(text.replace(" ", ""))
 
 
 def absent(printed: str) -> tuple[str, ...]:
@@ -178,8 +230,17 @@ def obstacle(command: str) -> str:
     return f"needs {gap[1]}" if gap is not None else ""
 
 
-SHORT = ("surefoot evaluate navigator --params paper --seeds 0:2000 --json", "stability adaptive --count 400")
-"""Commands of a few seconds whose figures are no times, so that they agree on every machine."""
+SHORT = (
+    "surefoot evaluate navigator --params paper --seeds 0:2000 --json",
+    "surefoot evaluate navigator --params paper-blur --seeds 0:2000 --json",
+    "surefoot evaluate navigator --params nao-paper --seeds 0:600 --json",
+    "surefoot evaluate navigator --params nao --seeds 0:600 --json", "stability adaptive --count 400",
+    "studies rough-terrain 0:1",
+)  # fmt: skip
+"""Commands of about a minute of processor time together whose figures are no times, so that they agree on every
+machine."""
+LONGER = ("surefoot run rough-terrain",)
+"""Commands of up to a minute and a half of processor time each, of which the same holds."""
 
 
 class Outputs:
@@ -200,7 +261,7 @@ class Outputs:
         """Return the output of a command, or None and the reason; one that failed is run again next time."""
         line = self.done.get(command)
         if line is None or (line["output"] is None and self.limit_s > line["limit"]):
-            began, output = time.monotonic(), None
+            began, spent, output = time.monotonic(), children_s(), None
             try:
                 output = output_of(command, self.limit_s, self.folder)
             except subprocess.TimeoutExpired:
@@ -209,23 +270,36 @@ class Outputs:
                 return None, f"ends with {error.returncode}: {error.stderr.strip()[-120:]}"
             limit, took = min(self.limit_s, LONGEST_S), round(time.monotonic() - began)
             line = {"command": command, "output": output, "limit": limit, "seconds": took}
+            line["processor"] = round(children_s() - spent)
             self.done[command] = line
             keep(self.results, line)
         return line["output"], "" if line["output"] is not None else f"takes more than {line['limit']:g} s"
 
+    def processor(self, command: str) -> float | None:
+        """Return the processor time of the last run of a command, s; None if it was not run or ended too early."""
+        return self.done.get(command, {}).get("processor")
+
 
 @BENCH.part()
 def report(
-    *, check: bool = False, only: str = "", every: bool = False, limit: float = LONGEST_S, results: Path | None = None
+    *,
+    check: bool = False,
+    only: str = "",
+    longer: bool = False,
+    every: bool = False,
+    limit: float = LONGEST_S,
+    results: Path | None = None,
 ) -> None:
     """Compare the figures on pages of the documentation with what their commands print now; exit code 1: some differ.
 
-    Without --check the commands are only listed. Times depend on the machine: they are shown, not compared.
+    Without --check the commands are only listed, and figures that README.md repeats are compared with their rows.
+    Times depend on the machine: they are shown, not compared.
 
     Args:
-        check: run the commands.
+        check: run the commands, without other options those of about a minute together.
         only: text that the commands contain; empty = all.
-        every: run long commands too, which takes hours.
+        longer: run those of up to a minute and a half each too, together some twenty minutes of processor time.
+        every: run all commands, which takes hours.
         limit: time after which a command is ended and left out, s.
         results: file to continue with, one line a command with its output; the pages as they are now are compared with
             what it holds, and only other commands are run.
@@ -233,13 +307,18 @@ def report(
     by_command: dict[str, list[Figure]] = {}
     for row in figures():
         by_command.setdefault(row.command, []).append(row)
-    chosen = [name for name in by_command if only in name and (every or only or name in SHORT or not check)]
+    tier = {**dict.fromkeys(LONGER, "longer"), **dict.fromkeys(SHORT, "short")}
+    run = {"short", "longer"} if longer else {"short"}
+    chosen = [name for name in by_command if only in name and (every or only or not check or tier.get(name) in run)]
     chosen.sort(key=lambda name: MACHINE.match(name) is not None)  # what is compared comes first
     wrong, rows = 0, list[tuple[object, ...]]()
+    for each, why in (found for page in REPEATING for found in astray(page)):
+        print(f"  {each.text!r} is not in {each.page}, {each.section}, {each.what}: {why}", flush=True)
+        wrong += 1
     with TemporaryDirectory() as made:
         outputs = Outputs(results, limit, Path(made) if results is None else results.parent)
         for k, name in enumerate(chosen):
-            why = obstacle(name) or ("" if check else "short" if name in SHORT else "long")
+            why = obstacle(name) or ("" if check else tier.get(name, "long"))
             if not why:
                 print(f"{k + 1} of {len(chosen)}: {name}", file=sys.stderr, flush=True)
                 output, why = outputs.of(name)
@@ -248,8 +327,8 @@ def report(
                     wrong += off
                 elif why.startswith("ends"):
                     wrong += 1
-            rows.append((name, len(by_command[name]), why))
-    table("command", ("", "rows", "as stated" if check else ""), rows)
+            rows.append((name, len(by_command[name]), outputs.processor(name), why))
+    table("command", ("", "rows", "processor s", "as stated" if check else ""), rows)
     if wrong:
         raise SystemExit(1)
 

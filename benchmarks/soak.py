@@ -144,14 +144,15 @@ def stops(*, count: int = 100) -> None:
 
 @BENCH.part("--count 1")
 def commands(*, count: int = 7) -> None:
-    """Print the processor time of the commands that only observe a system, such as `surefoot status`.
+    """Print the processor time of the help text and of commands that only observe a system, as `surefoot status`.
 
     Args:
         count: runs of each.
     """
     rows: list[tuple[object, ...]] = []
     with system() as machine:
-        for words in (("call", "recorder/status"), ("topic", "echo", "state/velocity", "-n", "1"), ("status",)):
+        echo = ("topic", "echo", "state/velocity", "-n", "1")
+        for words in (("--help",), ("call", "recorder/status"), echo, ("status",)):
             found = [_timed(machine, [*ENTRY, *words]) for _ in range(count)]
             good = f"{sum(row[2] for row in found)} of {count}"
             rows.append((f"surefoot {' '.join(words)}", good, middle_and_ends([row[1] for row in found])))

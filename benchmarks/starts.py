@@ -236,3 +236,19 @@ def first_calls(runs: int = 5, /) -> None:
                 )  # fmt: skip
     table("first calls", ("call", "processor s, median", "least"),
           [(what, statistics.median(seconds), min(seconds)) for what, seconds in took.items()])  # fmt: skip
+
+
+@BENCH.part()
+def report(runs: int = 3, /) -> None:
+    """Print size and processor time of the report of the demo, with its replay, from a recording.
+
+    Args:
+        runs: number of reports.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        recording, page = Path(name) / "run.mcap", Path(name) / "report.html"
+        run_local(load_scenario(find_scenario(SCENARIO)), recording=recording)
+        words = [sys.executable, "-m", "surefoot.lab.cli.entry", "report", str(recording), "--out", str(page)]
+        took = [of_children(lambda: subprocess.run(words, check=True, capture_output=True))[0] for _ in range(runs)]
+        table("report of the demo", ("MB", "processor s, median", "least"),
+              [(1e-6 * page.stat().st_size, statistics.median(took), min(took))])  # fmt: skip

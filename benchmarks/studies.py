@@ -30,7 +30,7 @@ HIGH_M = 0.087
 """Height of the highest hill of `rough-terrain-high`, m."""
 SHOWN = (
     "distance_m", "max_tilt_deg", "mean_slip_mm", "velocity_rmse_mps", "odometry_error_percent", "min_margin_m",
-    "duration_s",
+    "min_margin_measured_m", "duration_s",
 )  # fmt: skip
 """Names of the metrics of a walk that the table shows."""
 

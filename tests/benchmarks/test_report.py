@@ -1,4 +1,4 @@
-"""Figures of the pages: found with their commands, compared as rounded; those of README stand in docs/measured.md."""
+"""Figures of the pages: found with their commands, compared as rounded; those of README stand in the rows it links."""
 
 import re
 import sys
@@ -10,17 +10,21 @@ import pytest
 
 from benchmarks import report
 from benchmarks.report import (
+    LONGER,
     MACHINE,
     PAGES,
+    REPEATED,
     ROOT,
     SHORT,
     Outputs,
     absent,
+    astray,
     figures,
     missing,
     numbers,
     obstacle,
     output_of,
+    repeats,
 )
 from tests.processes import run_process
 
@@ -83,7 +87,9 @@ def test_numbers_carry_their_last_digit_and_unit() -> None:
         ("62 mm", "margin 0.047 m", ("62",)),
         ("0.32 % (1.4 %)", "odometry 0.00322, worst 0.0141", ()),
         ("0.32 % (1.4 %)", "odometry 0.00322, worst 0.0161", ("1.4",)),
-        ("100 of 100", "99 of 100", ()),
+        ("100 of 100", "99 of 100 passed", ("100 of 100",)),
+        ("10 000 of 10 000", "reached 10000 of 10000", ()),
+        ("19 of 20", "4 of 4, 19, 20", ()),
         ("10 000 sets", "10000 sets", ()),
         ("none", "3 wrong", ()),
         ("20 of 20", "20 of 20, hash 7e4096f1, -9e-512", ()),
@@ -102,8 +108,8 @@ def test_peers_that_were_left_out_are_named():
 
 def test_short_commands_are_on_the_pages_and_need_nothing() -> None:
     stated = {row.command for row in figures()}
-    assert set(SHORT) <= stated
-    assert not any(map(obstacle, SHORT))
+    assert {*SHORT, *LONGER} <= stated
+    assert not any(map(obstacle, (*SHORT, *LONGER)))
     assert obstacle("starts warm --against DIR")
     assert obstacle("surefoot footholds judge ragno F")
     assert all(map(obstacle, (row.command for row in figures() if re.match("surefoot (render|estimate)", row.command))))
@@ -112,22 +118,68 @@ def test_short_commands_are_on_the_pages_and_need_nothing() -> None:
     assert {row.page for row in figures()} <= set(PAGES)
 
 
-def test_the_readme_states_what_the_page_of_figures_states() -> None:
-    sections: dict[str, str] = {}
-    for part in re.split(r"^## ", (ROOT / "docs" / "measured.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
-        title, _, text = part.partition("\n")
-        sections[re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")] = text
-    rows = re.findall(r"\| ([^|]*)\(\[[^\]]*\]\(docs/measured\.md#([\w-]+)\)\) \|", (ROOT / "README.md").read_text())
-    assert len(rows) >= 4
-    for text, anchor in rows:
-        assert missing(text, sections[anchor]) == (), text
+DEMO = """
+contact sliding per stance, mean             0.17 mm     none
+contact sliding per stance, worst            0.85 mm     none
+velocity error against truth, RMS         0.0037 m/s   <= 0.1  ok
+odometry error at the end, horizontal        0.004 m   <= 0.3  ok
+odometry error per way walked                  0.2 %     none
+largest tilt                                 0.4 deg    <= 25  ok
+smallest static margin, planned CoM         0.0503 m  >= 0.03  ok
+smallest static margin, measured CoM        0.0444 m     none
+"""
+"""Lines that `surefoot run rough-terrain` prints."""
 
 
+@pytest.mark.parametrize("wrong", ["", "50 mm", "44 mm", "3.7 mm/s", "0.2 %", "0.4 deg", "0.85 mm"])
+def test_a_wrong_figure_of_the_demo_is_an_error(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [row for row in figures() if row.command == "surefoot run rough-terrain"]
+    assert any(wrong in row.text for row in rows)
+    if wrong:
+        rows = [row._replace(text=row.text.replace(wrong, "62 " + wrong.partition(" ")[2])) for row in rows]
+    monkeypatch.setattr(report, "figures", lambda *_: rows)
+    monkeypatch.setattr(report, "output_of", lambda *_: DEMO)
+    monkeypatch.setattr(report, "REPEATING", ())
+    if not wrong:
+        report.report(check=True, every=True)
+        return
+    with pytest.raises(SystemExit) as ended:
+        report.report(check=True, every=True)
+    assert ended.value.code == 1
+
+
+def test_figures_of_the_readme_stand_in_the_rows_that_it_links() -> None:
+    assert len(repeats("README.md")) >= 9
+    assert list(astray("README.md")) == []
+    for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines():
+        if line.startswith("|") and REPEATED.search(line):
+            assert numbers(REPEATED.sub("", line.split("|")[-2])) == [], line
+
+
+@pytest.mark.parametrize(
+    ("text", "section", "what"),
+    [("63 mm", "page", "margin"), ("62 mm", "page", "runs"), ("62 mm", "other", "margin"), ("1.25 mm", "page", "x")],
+)
+def test_a_link_to_another_figure_is_an_error(
+    text: str, section: str, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "page.md").write_text(PAGE)
+    links = tmp_path / "README.md"
+    links.write_text('[62 mm](page.md#page "margin")')
+    assert repeats("README.md", tmp_path)
+    assert list(astray("README.md", tmp_path)) == []
+    links.write_text(f'[{text}](page.md#{section} "{what}")')
+    monkeypatch.setattr(report, "REPEATING", (str(links),))
+    with pytest.raises(SystemExit):
+        report.report(only="none of the commands")
+
+
+@pytest.mark.timeout(1200)
 def test_the_figures_of_short_commands_are_those_of_the_pages() -> None:
     command = [sys.executable, "-m", "benchmarks", "report", "--check"]
-    done = run_process(command, cwd=ROOT, capture_output=True, text=True)
+    done = run_process(command, cwd=ROOT, timeout=1000, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "2 of 2 rows" in done.stdout
+    assert done.stdout.count(" rows\n") == len(SHORT)
 
 
 ENDS_WHAT_IT_STARTED = """
@@ -187,7 +239,8 @@ def test_an_interrupt_is_kept_where_the_command_ignores_it(monkeypatch: pytest.M
 
 
 def test_short_commands_print_no_times():
-    assert not any(map(MACHINE.match, SHORT))
+    assert not any(map(MACHINE.match, (*SHORT, *LONGER)))
+    assert not MACHINE.match("surefoot run rough-terrain")
     assert MACHINE.match("navigator environments")
 
 

@@ -21,7 +21,7 @@ DECISIONS = ROOT / "docs" / "decisions"
 
 BLOCK = re.compile(r"^```(.*?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 CODE = re.compile(r"`([^`\n]+)`")
-LINK = re.compile(r"\]\(([^)\s]+)\)")
+LINK = re.compile(r'\]\(([^)\s]+)(?: "[^"]*")?\)')
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 RUN = re.compile(r"python -m ([\w.]+)")
 SHELL = re.compile(r"^(?:[A-Z_]+=\S+ )*surefoot (.+)$", re.MULTILINE)
