@@ -1,7 +1,7 @@
 """Figures of the pages beside what their commands print now: `python -m benchmarks report --check`.
 
 A table of `PAGES` with a column `command` states figures of that command; a cell that is empty stands for the one
-above. A command in the last line before a table stands for its rows without one.
+above. A command in the last line before a table, remarks below another table apart, stands for its rows without one.
 A link with a title, `[0.59](docs/measured.md#estimator-over-logs "slip")`, repeats figures: each number of its text
 must stand in the row `slip` of that section, and so has the command of the row. README.md states figures so.
 
@@ -102,8 +102,9 @@ def figures(pages: Iterable[str] = PAGES, root: Path = ROOT) -> Iterator[Figure]
                 header, above = [], ""
                 if found := _commands(line):
                     given = found[-1]
-                elif line.startswith("#"):
-                    given, section = "", anchor(line.lstrip("# "))
+                elif line.strip() and not line.startswith("- "):  # prose between a command and a table parts them
+                    given = ""
+                section = anchor(line.lstrip("# ")) if line.startswith("#") else section
                 continue
             cells = [cell.strip() for cell in line.strip("|").split("|")]
             if not header:
@@ -198,6 +199,11 @@ def _count(text: str) -> int:
 def absent(printed: str) -> tuple[str, ...]:
     """Return the peers that a command left out because their packages are not installed."""
     return tuple(re.findall(r"^(.+?)(?:: absent \(| is )not installed", printed, re.MULTILINE))
+
+
+def lacking(printed: str) -> tuple[str, ...]:
+    """Return the logs that a command left out because their files are not on this machine."""
+    return tuple(re.findall(r"^(.+?): skipped, (?:no file .+|.+: no such file)$", printed, re.MULTILINE))
 
 
 def output_of(command: str, limit_s: float = math.inf, folder: Path | None = None) -> str:
@@ -334,10 +340,14 @@ def report(
 
 
 def _compared(command: str, rows: Sequence[Figure], output: str) -> tuple[str, int]:
-    """Print the rows whose numbers an output lacks; return a summary and their count, 0 for a command of times."""
+    """Print the rows whose numbers an output lacks; return a summary and their count.
+
+    The count is 0 for a command of times, and where logs are absent: a row may be of one of them.
+    """
     off = [(row, gone) for row in rows if (gone := missing(row.text, output))]
     for row, gone in off:
         print(f"  {row.page}: {row.what}: {row.text}\n    not printed: {', '.join(gone)}", flush=True)
-    machine, left_out = MACHINE.match(command) is not None, absent(output)
+    machine, left_out, logs = MACHINE.match(command) is not None, absent(output), lacking(output)
     why = f"{len(rows) - len(off)} of {len(rows)} rows" + " (times)" * machine
-    return why + f"; not installed: {', '.join(left_out)}" * bool(left_out), 0 if machine else len(off)
+    why += f"; not installed: {', '.join(left_out)}" * bool(left_out) + f"; {len(logs)} logs are absent" * bool(logs)
+    return why, 0 if machine or logs else len(off)

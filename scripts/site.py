@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 MADE = {"index.md": "README.md", "examples.md": "examples/README.md", "changes.md": "CHANGELOG.md"}
 """Page of the site: file of the repository."""
 PARTS = ("stability", "estimation", "terrain", "navigation", "robots", "bags", "simulation", "client", "errors")
-LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
+LINK = re.compile(r'(!?)\[([^\]]*)\]\(([^)\s]+)( "[^"]*")?\)')
 
 
 def library() -> str:
@@ -31,13 +31,13 @@ def moved(text: str, folder: str) -> str:
     places = {source: page for page, source in MADE.items()}
 
     def link(match: re.Match[str]) -> str:
-        sign, words, target = match.groups()
+        sign, words, target, title = match.groups(default="")
         if "://" in target or target.startswith("#"):
             return match[0]
         path, hash_, anchor = target.partition("#")
         source = (Path(folder) / path).as_posix()
         place = places.get(source) or (source.removeprefix("docs/") if source.startswith("docs/") else "")
-        return f"{sign}[{words}]({place}{hash_}{anchor})" if place else f"`{words}`"
+        return f"{sign}[{words}]({place}{hash_}{anchor}{title})" if place else f"`{words}`"
 
     return LINK.sub(link, text)
 

@@ -3,6 +3,7 @@
 import re
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from subprocess import CalledProcessError, Popen, TimeoutExpired
 
@@ -12,10 +13,12 @@ from benchmarks import report
 from benchmarks.report import (
     LONGER,
     MACHINE,
+    NUMBER,
     PAGES,
     REPEATED,
     ROOT,
     SHORT,
+    Figure,
     Outputs,
     absent,
     astray,
@@ -106,6 +109,22 @@ def test_peers_that_were_left_out_are_named():
     )
 
 
+def test_prose_parts_a_command_from_a_table_further_down(tmp_path: Path) -> None:
+    head, command, rest = PAGE.partition("Ten walks. `studies flat 0:10`\n")
+    (tmp_path / "page.md").write_text(f"{head}{command}\nAnother matter.\n{rest}")
+    assert "way" not in [row.what for row in figures(("page.md",), tmp_path)]
+
+
+def test_figures_of_logs_that_are_absent_are_no_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = Figure("docs/estimator.md", "a", "3 cm", "foreign")
+    monkeypatch.setattr(report, "figures", lambda *_: [row])
+    monkeypatch.setattr(report, "REPEATING", ())
+    for output, code in (("go1: skipped, no file go1.npz\nb: skipped, c.npz: no such file", 0), ("go1: 2 cm", 1)):
+        monkeypatch.setattr(report, "output_of", lambda *_, text=output: text)
+        with pytest.raises(SystemExit) if code else nullcontext():
+            report.report(check=True, every=True)
+
+
 def test_short_commands_are_on_the_pages_and_need_nothing() -> None:
     stated = {row.command for row in figures()}
     assert {*SHORT, *LONGER} <= stated
@@ -151,9 +170,10 @@ def test_a_wrong_figure_of_the_demo_is_an_error(wrong: str, monkeypatch: pytest.
 def test_figures_of_the_readme_stand_in_the_rows_that_it_links() -> None:
     assert len(repeats("README.md")) >= 9
     assert list(astray("README.md")) == []
-    for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines():
-        if line.startswith("|") and REPEATED.search(line):
-            assert numbers(REPEATED.sub("", line.split("|")[-2])) == [], line
+    text = re.sub(r"^```.*?^```$|`[^`\n]*`", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.M | re.S)
+    others = set(NUMBER.findall(re.sub(r"\]\([^)]*\)", "", REPEATED.sub("", text))))
+    assert others - {"3.11", "2", "64", "2.0"} == {"60"}  # in names: Python, ROS 2, Go2, x86-64, Apache
+    assert len((ROOT / "examples" / "robot" / "driver.py").read_text(encoding="utf-8").splitlines()) == 60
 
 
 @pytest.mark.parametrize(

@@ -294,17 +294,21 @@ def test_an_internal_error_is_a_sentence_unless_debugging(complaint, monkeypatch
 def test_help_is_quick_and_imports_nothing_heavy():
     code = (
         "import sys, time; began = time.process_time()\n"
+        "import typer; library = time.process_time() - began\n"
         "from surefoot.lab.cli import main as cli\n"
         "try: cli.main(['--help'])\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'zenoh', 'pydantic', 'mujoco', 'matplotlib', 'scipy', 'numba', 'mcap'} & set(sys.modules)\n"
-        "sys.stderr.write(f'{heavy or None} {time.process_time() - began:.3f}')"
+        "sys.stderr.write(f'{heavy or None} {(time.process_time() - began) / library:.3f}')"
     )
     environment = {**os.environ, "COLUMNS": "100"}
-    done = run_process([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    heavy, seconds = done.stderr.split()
-    assert heavy == "None"
-    assert float(seconds) < 1.0  # s of processor time; takes 0.1
+    ratios = list[float]()
+    for _ in range(3):
+        done = run_process([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        heavy, ratio = done.stderr.split()
+        assert heavy == "None"
+        ratios.append(float(ratio))
+    assert min(ratios) < 1.5  # of `import typer`, which takes 0.11 s of processor time; goal 0.15 s with Python itself
     assert "Usage:" in done.stdout
 
 
