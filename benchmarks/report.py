@@ -245,7 +245,7 @@ SHORT = (
 )  # fmt: skip
 """Commands of about a minute of processor time together whose figures are no times, so that they agree on every
 machine."""
-LONGER = ("surefoot run rough-terrain",)
+LONGER = ("surefoot run rough-terrain", "fuzz files --seed 25", "fuzz files --seed 27")
 """Commands of up to a minute and a half of processor time each, of which the same holds."""
 
 
