@@ -245,7 +245,10 @@ SHORT = (
 )  # fmt: skip
 """Commands of about a minute of processor time together whose figures are no times, so that they agree on every
 machine."""
-LONGER = ("surefoot run rough-terrain", "fuzz files --seed 25", "fuzz files --seed 27")
+LONGER = (
+    "surefoot run rough-terrain", "fuzz files --seed 25", "fuzz files --seed 27", "policies trainings 2000:2020",
+    "fuzz decisions", "fuzz decisions --seed 1",
+)  # fmt: skip
 """Commands of up to a minute and a half of processor time each, of which the same holds."""
 
 
