@@ -247,7 +247,7 @@ SHORT = (
 machine."""
 LONGER = (
     "surefoot run rough-terrain", "fuzz files --seed 25", "fuzz files --seed 27", "policies trainings 2000:2020",
-    "fuzz decisions", "fuzz decisions --seed 1",
+    "fuzz decisions", "fuzz decisions --seed 1", "stability verdicts --sets 10000",
 )  # fmt: skip
 """Commands of up to a minute and a half of processor time each, of which the same holds."""
 
