@@ -249,7 +249,7 @@ LONGER = (
     "surefoot run rough-terrain", "fuzz files --seed 25", "fuzz files --seed 27", "policies trainings 2000:2020",
     "fuzz decisions", "fuzz decisions --seed 1", "stability verdicts --sets 10000",
 )  # fmt: skip
-"""Commands of up to a minute and a half of processor time each, of which the same holds."""
+"""Commands of up to a minute of processor time each, of which the same holds."""
 
 
 class Outputs:
@@ -307,7 +307,7 @@ def report(
     Args:
         check: run the commands, without other options those of about a minute together.
         only: text that the commands contain; empty = all.
-        longer: run those of up to a minute and a half each too, together some twenty minutes of processor time.
+        longer: run those of up to a minute each, too, together some five minutes of processor time.
         every: run all commands, which takes hours.
         limit: time after which a command is ended and left out, s.
         results: file to continue with, one line a command with its output; the pages as they are now are compared with
