@@ -1,5 +1,8 @@
 """Painted pictures of a recording."""
 
+import shutil
+import subprocess
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -76,6 +79,32 @@ def test_what_cannot_be_painted_is_refused_and_leaves_no_file(recorded, tmp_path
         render(recorded, tmp_path / name, shot)
     assert refused.value.code == "invalid"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg here: apt-get install ffmpeg")
+def test_an_mp4_has_a_frame_for_each_step_of_time(recorded, tmp_path):
+    frames, _ = render(recorded, tmp_path / "walk.mp4", Shot(SIZE, fps=5.0, start=1.0, end=2.9))
+    assert frames == 10
+    back = [
+        "ffmpeg",
+        "-loglevel",
+        "error",
+        "-i",
+        str(tmp_path / "walk.mp4"),
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-",
+    ]
+    pictures = np.frombuffer(subprocess.run(back, check=True, capture_output=True).stdout, np.uint8)
+    pictures = pictures.reshape(frames, SIZE[1], SIZE[0], 3).astype(float)
+    render(recorded, tmp_path / "first.png", Shot(SIZE, start=1.0))
+    with Image.open(tmp_path / "first.png") as image:
+        first = np.asarray(image.convert("RGB"), dtype=float)
+    assert np.abs(pictures[0] - first).mean() < 6.0  # of 255
+    assert np.abs(pictures[0] - pictures[-1]).mean() > np.abs(pictures[0] - first).mean()  # it walks
+    assert [path.name for path in tmp_path.iterdir() if path.suffix == ".mp4"] == ["walk.mp4"]
 
 
 def test_an_mp4_without_ffmpeg_is_refused_with_what_needs_nothing(recorded, tmp_path, monkeypatch):
