@@ -11,6 +11,7 @@ from .completion import robots
 from .output import (
     Json,
     near,
+    notify,
     refuse_existing,
     refuse_unreachable,
     use_json,
@@ -108,7 +109,7 @@ def show(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Draw a robot at its neutral posture: links, feet, frames and centre of mass."""
+    """Draw a robot at its neutral posture: links, meshes, feet, frames and centre of mass."""
     from ..report.robot_drawing import draw_robot
 
     use_json(json)
@@ -147,15 +148,19 @@ def check(
             write(f"next: surefoot {'run stand --robot' if robot.gait else 'robot show'} {quote(name)}")
 
 
-def _write(name: str, out: Path | None, suffix: str, force: bool, make: Callable[["Robot", Path], object]) -> None:
+def _write(
+    name: str, out: Path | None, suffix: str, force: bool, make: Callable[["Robot", Path], tuple[str, ...] | None]
+) -> None:
     from surefoot.robot.reader import load_robot
 
     robot = load_robot(name)
     out = out or Path(f"{robot.name}{suffix}")
     refuse_existing(out, force=force)
     refuse_unreachable(out, makes_folders=False)
-    make(robot, out)
+    notes = make(robot, out) or ()
     write_answer({"out": near(out)}, f"wrote {near(out)}")
+    for note in notes:
+        notify(f"note  {note}")
 
 
 def _grouped(texts: list[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Drawing of a robot description: links, feet, centre of mass and the frames of docs/frames.md, at the neutral posture.
+"""Drawing of a robot: links, meshes, feet, centre of mass and the frames of docs/frames.md, at the neutral posture.
 
 `python -m surefoot.lab.report.robot_drawing` draws the robots of the package into docs/.
 """
@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from surefoot.arrays import Array
 from surefoot.geometry.rotations import matrix_from_quat
@@ -18,6 +19,7 @@ from surefoot.robot.kinematics import com, foot_positions, forward
 from surefoot.robot.reader import load_robot, robot_names
 from surefoot.services.simulator.sensors.landmarks import camera_pose, read_camera
 
+from ..scene.shapes import Body, body_of
 from .drawing import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE, save_picture
 
 AXES = (RED, GREEN, BLUE)
@@ -25,6 +27,8 @@ AXES = (RED, GREEN, BLUE)
 ARROW = 0.16
 """Length of the axis arrows of a drawn frame, as a share of the robot's largest extent."""
 DPI = 110
+GLASS = 0.35
+"""Opacity of the meshes of a robot, through which its frames are seen."""
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -43,20 +47,26 @@ def frames_of(robot: Robot) -> dict[str, tuple[Array, Array]]:
     return found
 
 
-def draw_robot(robot: Robot, path: Path) -> None:
-    """Write a picture of a robot at its neutral posture, seen from its front left and from its left side."""
+def draw_robot(robot: Robot, path: Path) -> tuple[str, ...]:
+    """Write a picture of a robot at its neutral posture, seen from its front left and from its left side.
+
+    Returns:
+        What the picture lacks, one sentence each: links whose meshes cannot be drawn.
+    """
+    body = body_of(robot)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 4.4), dpi=DPI)
         for place, (elevation, azimuth) in enumerate(((22.0, 35.0), (0.0, 90.0)), 1):
             axes: Any = figure.add_subplot(1, 2, place, projection="3d", proj_type="ortho")
-            _draw(axes, robot, named=place == 1)
+            _draw(axes, robot, body, named=place == 1)
             axes.view_init(elevation, azimuth)
         figure.suptitle(f"{robot.name}: {robot.description}", color=INK)
         figure.subplots_adjust(0.0, 0.0, 1.0, 0.95, 0.0)
         save_picture(figure, path)
+    return body.notes
 
 
-def _draw(axes: Any, robot: Robot, named: bool) -> None:
+def _draw(axes: Any, robot: Robot, body: Body, named: bool) -> None:
     rot, pos = forward(robot.model, robot.neutral)
     feet = foot_positions(robot.model, robot.neutral)
     everything = np.vstack((pos, feet, robot.trunk.box / 2.0, -robot.trunk.box / 2.0))
@@ -71,6 +81,10 @@ def _draw(axes: Any, robot: Robot, named: bool) -> None:
         if len(points) > 2:
             order = np.argsort(np.arctan2(*(leg.foot.points - leg.foot.points.mean(0))[:, 1::-1].T))
             axes.plot(*points[np.append(order, order[0])].T, color=INK, lw=1.2)
+    points = pos[body.link] + np.einsum("nij,nj->ni", rot[body.link], body.local)
+    for mesh in body.meshes:
+        at = mesh.placed(points)[mesh.triangles]
+        axes.add_collection3d(Poly3DCollection(at, alpha=GLASS, facecolors=mesh.colour, shade=True))
     _box(axes, robot.trunk.box)
     axes.scatter(*com(robot.model, robot.neutral), s=60, color=ORANGE, marker="X", depthshade=False)
     if named:

@@ -286,6 +286,7 @@ def _reported(
     """Write the report; return its path (None = it could not be written), and the verdict, with a note in that case."""
     verdict = _explained(verdict, recording)
     about, film = _filmed(recording, about)
+    verdict = verdict if film is None else replace(verdict, notes=(*verdict.notes, *film.notes))
     if recording is not None:  # the supervisor, whose messages the traces are, receives no images
         traces.sights = sights_of(recording)
     try:

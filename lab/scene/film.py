@@ -15,9 +15,9 @@ from surefoot.errors import SurefootError
 from surefoot.record.recording import ReadableRecording
 from surefoot.robot.description import Robot
 
-from .scene import KEYS, POSTURE, Item, Lasting, RobotScene, Snapshot
+from .scene import KEYS, POSTURE, RobotScene, Snapshot
 from .shapes import DrawnGround
-from .styles import STYLES, VALUES
+from .styles import STYLES, VALUES, Item, Lasting
 
 UNITS_PER_M = 10_000
 """Resolution of lengths in the data of a page, units per metre: lengths are integers in tenths of a millimetre."""
@@ -48,7 +48,7 @@ class Film:
     """Film of a run: its scene (body, ground, permanent marks) and snapshots of it in the order of time.
 
     Attributes:
-        notes: what the snapshots lack: messages that could not be read, joints of another robot.
+        notes: what the pictures lack: messages that could not be read, joints of another robot, meshes.
     """
 
     scene: RobotScene
@@ -128,7 +128,7 @@ def film_of(robot: Robot, messages: Iterable[tuple[float, Undecoded]], duration_
             epoch = scene.epoch
             shown.clear()
         shown.append(snapshot)
-    return Film(scene, shown, account.notes())
+    return Film(scene, shown, (*account.notes(), *scene.body.notes))
 
 
 def snapshots(scene: RobotScene, messages: Iterable[tuple[float, Undecoded]], period_s: float) -> Iterator[Snapshot]:
@@ -177,6 +177,7 @@ def header(scene: RobotScene) -> dict[str, Any]:
         "limbs": [(*limb[:2], round(limb.radius * UNITS_PER_M), limb.colour) for limb in body.limbs],
         "balls": [(ball.at, round(ball.radius * UNITS_PER_M), ball.colour) for ball in body.balls],
         "faces": body.faces,
+        "meshes": [(m.frame, _whole(m.vertices), m.triangles.ravel().tolist(), m.colour) for m in body.meshes],
         "styles": [{"name": name, **style._asdict()} for name, style in STYLES.items()],
         "values": [{"name": name, "title": v[0], "unit": v[1], "digits": v[2]} for name, v in VALUES.items()],
         "ground": None if scene.ground is None else _ground(scene.ground),

@@ -8,16 +8,17 @@ from PIL import Image, ImageDraw, ImageFont
 
 from surefoot.arrays import Array
 
-from .scene import Item, RobotScene, Snapshot
-from .shapes import DrawnGround
-from .styles import STYLES, VALUES
+from .scene import RobotScene, Snapshot
+from .shapes import DrawnGround, DrawnMesh
+from .styles import STYLES, VALUES, Item
 
 FINER = 2
 """Factor of supersampling per axis: pictures are drawn larger by it and reduced at the end, for smooth edges."""
 AZIMUTH, ELEVATION = -0.95, 0.5
 """`AZIMUTH`: azimuth of the viewer in world axes, rad; `ELEVATION`: elevation of the viewer, rad; both equal the
 initial view of the pages."""
-SUN = np.array([-0.42, -0.38, 0.82])
+SUN, LAMP = np.array([-0.42, -0.38, 0.82]), np.array([-0.35, -0.5, 0.79])
+"""Directions to the light, world axes: `SUN`: of the ground; `LAMP`: of faces and meshes of the robot."""
 SKY, LOW_SKY, INK, SOFT = (223, 232, 240), (247, 249, 251), (28, 39, 51), (93, 107, 120)
 SQUARE = 0.1
 """Edge length of the grid squares drawn on the ground, m."""
@@ -45,6 +46,13 @@ class Viewpoint(NamedTuple):
         seen = (points - self.target) @ self.axes.T
         middle = np.array([0.5 * self.size[0], 0.54 * self.size[1], 0.0])
         return middle + seen * [self.scale, -self.scale, self.scale]
+
+
+class _Triangle(NamedTuple):
+    """Triangle to be painted: places of its corners, px, and red, green, blue, 0 to 255."""
+
+    corners: list[tuple[float, ...]]
+    colour: tuple[int, int, int]
 
 
 class Painter:
@@ -184,7 +192,12 @@ class Painter:
         mask = Image.new("L", self.size)
         pen, body = ImageDraw.Draw(mask), self.scene.body
         seen = camera.see(self._drop(shown.points))
-        pen.polygon([tuple(p) for p in seen[list(body.faces[0].corners), :2].tolist()], fill=42)
+        for face in body.faces[:1]:
+            pen.polygon([tuple(p) for p in seen[list(face.corners), :2].tolist()], fill=42)
+        for mesh in body.meshes:
+            ground = camera.see(self._drop(mesh.placed(shown.points)))[mesh.triangles, :2]
+            for corners in ground.tolist():
+                pen.polygon([tuple(p) for p in corners], fill=42)
         for limb in body.limbs:
             ends = [tuple(p) for p in seen[[limb.begin, limb.end], :2].tolist()]
             pen.line(ends, fill=42, width=max(1, round(2.0 * limb.radius * self.scale)))
@@ -195,8 +208,12 @@ class Painter:
         parts: list[tuple[float, Any]] = [(seen[[p.begin, p.end], 2].mean(), p) for p in body.limbs]
         parts += [(seen[p.at, 2] + 0.5 * p.radius * self.scale, p) for p in body.balls]
         parts += [(seen[list(p.corners), 2].mean(), p) for p in body.faces]
+        for mesh in body.meshes:
+            parts += self._triangles(camera, mesh, mesh.placed(shown.points))
         for _, part in sorted(parts, key=lambda entry: entry[0]):
-            if hasattr(part, "at"):
+            if isinstance(part, _Triangle):
+                draw.polygon(part.corners, fill=part.colour, outline=part.colour)
+            elif hasattr(part, "at"):
                 self._ball(
                     draw,
                     float(seen[part.at, 0]),
@@ -222,9 +239,23 @@ class Painter:
         normal = np.cross(b - a, c - a)
         normal /= max(float(np.linalg.norm(normal)), 1e-12)
         if normal @ camera.axes[2] > 0.0:
-            lit = max(0.0, float(normal @ [-0.35, -0.5, 0.79]))
+            lit = max(0.0, float(normal @ LAMP))
             places = [tuple(p) for p in seen[list(face.corners), :2].tolist()]
             draw.polygon(places, fill=shaded(face.colour, 0.7 + 0.5 * lit), outline=shaded(face.colour, 0.55))
+
+    def _triangles(self, camera: Viewpoint, mesh: DrawnMesh, vertices: Array) -> list[tuple[float, "_Triangle"]]:
+        """Return the triangles of a mesh that face the viewer, each with its depth, px; vertices (n, 3) m, world."""
+        at = vertices[mesh.triangles]
+        normal = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
+        front = normal @ camera.axes[2] > 0.0
+        lit = np.maximum(0.0, normal[front] @ LAMP) / np.linalg.norm(normal[front], axis=1)
+        seen = camera.see(vertices)[mesh.triangles[front]]
+        return [
+            (depth, _Triangle([tuple(p) for p in corners], shaded(mesh.colour, factor)))
+            for depth, corners, factor in zip(
+                seen[..., 2].mean(axis=1).tolist(), seen[..., :2].tolist(), (0.7 + 0.5 * lit).tolist(), strict=True
+            )
+        ]
 
     def _words(self, draw: Any, shown: Snapshot) -> None:
         large, small = (ImageFont.load_default(FINER * size) for size in (17, 12))

@@ -4,14 +4,15 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from surefoot.arrays import Array
 from surefoot.errors import SurefootError
 from surefoot.geometry.rotations import quat_from_matrix
 
-from .scene import UP, Item
+from .scene import UP
 from .shapes import Body, DrawnGround
-from .styles import STYLES
+from .styles import STYLES, Item
 
 INSTALL = "pip install 'surefoot[foxglove]'"
 GROUND_COLOUR = "#b9bfb4"
@@ -81,10 +82,13 @@ class Primitives:
 
     def fan(self, corners: Array, colour: str, alpha: float = 1.0) -> Any:
         """Return a convex polygon, corners (n, 3) m in order, as Foxglove triangles, opacity `alpha` 0 to 1."""
-        inner = range(1, len(corners) - 1)
-        indices = [index for i in inner for index in (0, i, i + 1)]
+        inner = np.arange(1, len(corners) - 1)
+        return self.triangles(corners, np.column_stack((0 * inner, inner, inner + 1)), colour, alpha)
+
+    def triangles(self, corners: Array, indices: NDArray[np.int64], colour: str, alpha: float = 1.0) -> Any:
+        """Return Foxglove triangles: corners (n, 3) m, three indices of them a row, opacity `alpha` 0 to 1."""
         return self.messages.TriangleListPrimitive(
-            points=self.points(corners), indices=indices, color=self.colour(colour, alpha)
+            points=self.points(corners), indices=indices.ravel().tolist(), color=self.colour(colour, alpha)
         )
 
     def arrow(self, tail: Array, tip: Array, size: float, colour: str) -> Any:
@@ -103,10 +107,14 @@ class Primitives:
         limbs = [limb for limb in body.limbs if body.link[limb.begin] == link]
         balls = [ball for ball in body.balls if body.link[ball.at] == link]
         faces = [face for face in body.faces if body.link[face.corners[0]] == link]
+        meshes = [mesh for mesh in body.meshes if body.link[mesh.frame[0]] == link]
         return {
             "cylinders": [self.cylinder(body.local[p.begin], body.local[p.end], p.radius, p.colour) for p in limbs],
             "spheres": [self.sphere(body.local[p.at], p.radius, p.colour) for p in balls],
-            "triangles": [self.fan(body.local[list(p.corners)], p.colour) for p in faces],
+            "triangles": [
+                *(self.fan(body.local[list(p.corners)], p.colour) for p in faces),
+                *(self.triangles(p.vertices, p.triangles, p.colour) for p in meshes),
+            ],
         }
 
     def drawn(self, items: tuple[Item, ...], extent: float) -> dict[str, list[Any]]:
@@ -158,10 +166,8 @@ class Primitives:
         known = np.isfinite(ground.heights)
         whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
         at = (np.arange(rows - 1)[:, None] * cols + np.arange(cols - 1))[whole]
-        index = np.column_stack((at, at + 1, at + cols + 1, at, at + cols + 1, at + cols)).ravel()
-        return self.messages.TriangleListPrimitive(
-            points=self.points(centres(ground)), indices=index.tolist(), color=self.colour(GROUND_COLOUR)
-        )
+        index = np.column_stack((at, at + 1, at + cols + 1, at, at + cols + 1, at + cols))
+        return self.triangles(centres(ground), index, GROUND_COLOUR)
 
     def cloud(self, places: Array, colours: list[str], frame: str, stamp_ns: int) -> Any:
         """Return a point cloud of points (n, 3) m in `frame`, each with its colour `#rrggbb`."""
@@ -209,6 +215,9 @@ def surface(body: Body, link: int) -> tuple[Array, list[str]]:
             edges = (corners + np.linspace(0.0, 1.0, steps)[:, None, None] * (ends - corners)).reshape(-1, 3)
             inward = np.linspace(0.0, 1.0, 2 + int(float(np.linalg.norm(edges - middle, axis=1).max()) / step))
             add((edges + inward[:, None, None] * (middle - edges)).reshape(-1, 3), face.colour)
+    for mesh in body.meshes:
+        if body.link[mesh.frame[0]] == link:
+            add(np.vstack((mesh.vertices, mesh.vertices[mesh.triangles].mean(axis=1))), mesh.colour)
     return np.vstack(found), colours
 
 

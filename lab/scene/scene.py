@@ -6,7 +6,7 @@ Frame ``world`` is that of `sim/truth` where there is truth, else that of the od
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from surefoot.services.vision.messages import places_of
 from surefoot.services.vision.recognise import RecogniseParams, gate_radius
 
 from .shapes import DrawnGround, body_of, outline_of
+from .styles import Item, Lasting
 
 KEYS = (
     "sim/truth", "hw/joints", "hw/contacts", "state/velocity", "state/odometry", "state/gait", "state/stability",
@@ -44,27 +45,6 @@ CONFIDENCE_95 = 2.4477
 ELLIPSE = np.linspace(0.0, 2.0 * math.pi, 25)[:-1]
 LANDMARKS_DRAWN = 2000
 UP = np.array([0.0, 0.0, 1.0])
-
-
-class Item(NamedTuple):
-    """Drawn item of a scene: points (n, 3) m, world, in a style; points of arrows are tail and head in turn.
-
-    Attributes:
-        style: name in `STYLES`.
-        points: (n, 3) m, world; a label has one.
-        text: text of a label; empty for other items.
-    """
-
-    style: str
-    points: Array
-    text: str = ""
-
-
-class Lasting(NamedTuple):
-    """Item of a scene that is drawn from simulated time `time`, s, to the end."""
-
-    time: float
-    item: Item
 
 
 @dataclass(frozen=True)
@@ -123,6 +103,10 @@ class RobotScene:
     def true(self) -> bool:
         """True if the scene shows the driver's truth; False: what the robot senses and estimates."""
         return "sim/truth" in self._latest
+
+    def latest(self, key: str) -> Any:
+        """Return the message of a key of which the last snapshot was made; None without one."""
+        return self._latest.get(key)
 
     def feed(self, key: str, read: Callable[[], Any]) -> None:
         """Set the latest message of a key; `read` decodes it, and is called only when a snapshot needs it."""
@@ -209,7 +193,7 @@ class RobotScene:
             return np.array(truth.position), matrix_from_quat(np.array(truth.quat_wxyz))
         if odometry is not None:
             return np.array(odometry.position), matrix_from_quat(np.array(odometry.quat_wxyz))
-        return np.array([0.0, 0.0, -float(points[:, 2].min())]), np.eye(3)
+        return np.array([0.0, 0.0, -float(points[: self.body.solid, 2].min())]), np.eye(3)
 
     def _odom(self) -> tuple[Array, Array]:
         """Return translation (3,) m and rotation (3, 3) of odom in the world, as they were when the estimate began."""

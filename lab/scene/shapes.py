@@ -1,4 +1,4 @@
-"""Drawable shape of a robot: points on its links, with limbs, balls and faces between them; and a coarse ground."""
+"""Drawable shape of a robot: points on its links, with limbs, balls, faces and meshes on them; and a coarse ground."""
 
 from typing import NamedTuple
 
@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from surefoot.arrays import Array
 from surefoot.robot.description import Robot
 from surefoot.robot.kinematics import foot_positions
+
+from .surfaces import surfaces_of
 
 TRUNK, LEG, SERVO, FOOT, NOSE = "#3d5a80", "#9fb3c8", "#46566a", "#2b3a4a", "#ee9b3a"
 """Colours of the drawn parts of the robot, `#rrggbb`; `LEG`: limbs; `SERVO`: balls at the joints; `NOSE`: arrow on the
@@ -44,14 +46,37 @@ class Face(NamedTuple):
     colour: str
 
 
+class DrawnMesh(NamedTuple):
+    """Triangles of a robot's shape on one link.
+
+    Attributes:
+        frame: indices of four points: origin of the link, and the points 1 m from it along its axes x, y, z.
+        vertices: (n, 3) m, frame of the link.
+        triangles: (m, 3) indices of vertices, counter-clockwise seen from outside.
+        colour: `#rrggbb`.
+    """
+
+    frame: tuple[int, int, int, int]
+    vertices: Array
+    triangles: NDArray[np.int64]
+    colour: str
+
+    def placed(self, points: Array) -> Array:
+        """Return the vertices (n, 3) m in the frame of the body's points (k, 3) m."""
+        origin, *tips = points[list(self.frame)]
+        return origin + self.vertices @ (np.array(tips) - origin)
+
+
 class Body(NamedTuple):
-    """Shape of a robot.
+    """Shape of a robot: a link has the meshes with which it was imported, else limbs, balls and faces.
 
     Attributes:
         link: link that carries each point, (n,).
         local: place of each point in its link, (n, 3) m.
-        limbs, balls, faces: drawn parts, which refer to the points by index.
+        limbs, balls, faces, meshes: drawn parts, which refer to the points by index.
         extent: size of the robot at its neutral posture, m.
+        solid: number of points that lie on drawn parts; those after them are of the frames of meshes.
+        notes: a sentence on links whose meshes cannot be drawn, if there are any.
     """
 
     link: NDArray[np.int64]
@@ -59,7 +84,10 @@ class Body(NamedTuple):
     limbs: tuple[Limb, ...]
     balls: tuple[Ball, ...]
     faces: tuple[Face, ...]
+    meshes: tuple[DrawnMesh, ...]
     extent: float
+    solid: int
+    notes: tuple[str, ...]
 
 
 class DrawnGround(NamedTuple):
@@ -103,25 +131,16 @@ class _Points:
 
 
 def body_of(robot: Robot) -> Body:
-    """Return the shape of a robot: its trunk, a segment along each link, a ball at each joint and foot."""
+    """Return the shape of a robot: balls at its feet; meshes, else a trunk, segments of links and balls at joints."""
     points, limbs, balls = _Points(), list[Limb](), list[Ball]()
     feet = foot_positions(robot.model, robot.neutral)
     extent = float(np.ptp(np.vstack((feet, robot.trunk.box / 2.0, -robot.trunk.box / 2.0)), axis=0).max())
-    faces = _trunk(points, robot)
-    for number, link in enumerate(robot.links):
-        radius = float(np.clip(0.45 * link.inertia_box.min(), THIN * extent, THICK * extent))
-        if number == 0:
-            continue
-        origin = points.add(number, np.zeros(3))
-        balls.append(Ball(origin, 1.25 * radius if link.joint >= 0 else radius, SERVO))
-        ends = [child.position for child in robot.links if child.parent == number]
-        ends += [leg.foot.position for leg in robot.legs if leg.foot.link == number]
-        if not ends and link.inertia_box.max() < ROUND * link.inertia_box.min():  # a head
-            balls.append(Ball(points.add(number, link.com), 0.5 * float(link.inertia_box.mean()), LEG))
-            continue
-        for end in ends or [2.0 * link.com]:
-            if np.linalg.norm(end) > radius:
-                limbs.append(Limb(origin, points.add(number, end), radius, LEG))
+    surfaces, notes = surfaces_of(robot, extent)
+    covered = {surface.link for surface in surfaces}
+    faces = [] if 0 in covered else _trunk(points, robot)
+    for number in range(1, len(robot.links)):
+        if number not in covered:
+            _add_link(points, robot, number, extent, (limbs, balls))
     for leg in robot.legs:
         corners = [points.add(leg.foot.link, point) for point in leg.foot.points]
         balls += [Ball(corner, leg.foot.radius, FOOT) for corner in corners]
@@ -129,11 +148,32 @@ def body_of(robot: Robot) -> Body:
             around = leg.foot.points - leg.foot.points.mean(axis=0)
             order = np.argsort(np.arctan2(around[:, 1], around[:, 0]))
             faces.append(Face(tuple(corners[i] for i in order), FOOT))
+    solid, meshes = len(points.found), list[DrawnMesh]()
+    for surface in surfaces:
+        o, x, y, z = (points.add(surface.link, tip) for tip in np.vstack((np.zeros(3), np.eye(3))))
+        meshes.append(DrawnMesh((o, x, y, z), surface.vertices, surface.triangles, LEG if surface.link else TRUNK))
     carried = list(points.found)
     return Body(
         np.array([link for link, _ in carried]), np.array([local for _, local in carried]),
-        tuple(limbs), tuple(balls), tuple(faces), extent,
+        tuple(limbs), tuple(balls), tuple(faces), tuple(meshes), extent, solid, notes,
     )  # fmt: skip
+
+
+def _add_link(points: _Points, robot: Robot, number: int, extent: float, to: tuple[list[Limb], list[Ball]]) -> None:
+    """Add segments and balls of a link without meshes, by its index, to those of a robot of size `extent`, m."""
+    limbs, balls = to
+    link = robot.links[number]
+    radius = float(np.clip(0.45 * link.inertia_box.min(), THIN * extent, THICK * extent))
+    origin = points.add(number, np.zeros(3))
+    balls.append(Ball(origin, 1.25 * radius if link.joint >= 0 else radius, SERVO))
+    ends = [child.position for child in robot.links if child.parent == number]
+    ends += [leg.foot.position for leg in robot.legs if leg.foot.link == number]
+    if not ends and link.inertia_box.max() < ROUND * link.inertia_box.min():  # a head
+        balls.append(Ball(points.add(number, link.com), 0.5 * float(link.inertia_box.mean()), LEG))
+        return
+    for end in ends or [2.0 * link.com]:
+        if np.linalg.norm(end) > radius:
+            limbs.append(Limb(origin, points.add(number, end), radius, LEG))
 
 
 def outline_of(box: Array) -> Array:

@@ -1,6 +1,8 @@
-"""Styles of the items that are drawn beside a robot, and the numbers beside the picture."""
+"""Items that are drawn beside a robot, their styles, and the numbers beside the picture."""
 
 from typing import NamedTuple
+
+from surefoot.arrays import Array
 
 
 class Style(NamedTuple):
@@ -20,6 +22,27 @@ class Style(NamedTuple):
     colour: str
     size: float
     title: str
+
+
+class Item(NamedTuple):
+    """Drawn item of a scene: points (n, 3) m, world, in a style; points of arrows are tail and head in turn.
+
+    Attributes:
+        style: name in `STYLES`.
+        points: (n, 3) m, world; a label has one.
+        text: text of a label; empty for other items.
+    """
+
+    style: str
+    points: Array
+    text: str = ""
+
+
+class Lasting(NamedTuple):
+    """Item of a scene that is drawn from simulated time `time`, s, to the end."""
+
+    time: float
+    item: Item
 
 
 STYLES: dict[str, Style] = {

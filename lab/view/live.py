@@ -77,7 +77,8 @@ class LiveFrames:
         self._newest = NewestScene(client, robot, self._sight.take, self._sight.forget)
         self._news = threading.Condition()
         self._health: dict[str, tuple[float, Delivery]] = {}
-        self._log: deque[tuple[str, str]] = deque(maxlen=LOG_LINES)
+        lacking = [("warning", note) for note in self._newest.scene.body.notes]
+        self._log: deque[tuple[str, str]] = deque(lacking, maxlen=LOG_LINES)
         self._shown, self._readers, self._heading = Shown(), 0, 0.0
         self._marks: list[str] = []
         self._lives = 0

@@ -1,6 +1,7 @@
 """Robot description of a recording: the attached file, or the installed one of the recorded name."""
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,12 +23,22 @@ def robot_of(recording: ReadableRecording) -> Robot:
         with TemporaryDirectory() as folder, suppress(RobotError):  # of another version: the one known here will do
             path = Path(folder) / ROBOT_FILE
             path.write_bytes(attached)
-            return load_robot(path)
+            robot = load_robot(path)
+            return replace(robot, folder=_folder(recording, robot))
     run = recording.metadata.get("run", {})
     name = run.get("robot") or run.get("namespace", "").rpartition("/")[2]
     if not name:
         raise SurefootError("malformed", f"{recording.path} names no robot")
     return load_robot(name)
+
+
+def _folder(recording: ReadableRecording, robot: Robot) -> Path | None:
+    """Return the folder that the recording names, if the same robot is there on this machine; it may have meshes."""
+    place = Path(recording.metadata.get("run", {}).get("robot", ""))
+    with suppress(SurefootError, OSError, ValueError):  # no robot, or no name of a file
+        known = load_robot(place / ROBOT_FILE)
+        return known.folder if known.hash == robot.hash else None
+    return None
 
 
 def robot_for(recording: ReadableRecording, given: str | None) -> Robot:

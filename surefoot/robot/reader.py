@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -30,7 +31,14 @@ LEGS = {"hexapod": 6, "quadruped": 4, "biped": 2}
 _NOT_HASHED = frozenset({"source", "sources", "description", "schema", "other_names"})
 
 
-def load_robot(name: str | PathLike[str]) -> r.Robot:
+@dataclass(frozen=True, eq=False)
+class RobotInFolder(r.Robot):
+    """Robot description with the folder that holds its file, and its meshes for drawing if it was imported."""
+
+    folder: Path | None = None
+
+
+def load_robot(name: str | PathLike[str]) -> RobotInFolder:
     """Return the robot description with a name or in a file.
 
     Args:
@@ -46,12 +54,12 @@ def load_robot(name: str | PathLike[str]) -> r.Robot:
         raise error.in_file(path) from None
 
 
-def described(path: Path) -> r.Robot:
+def described(path: Path) -> RobotInFolder:
     """Return the robot that a `robot.toml` describes (raises RobotError, which names the field but not the file)."""
     data = read_toml(path, RobotError)
     file = validated(RobotFile, data, RobotError)
     _check_sources(file, "", file.sources)
-    return _robot(file, data)
+    return _robot(file, data, path.absolute().parent)
 
 
 def robot_file(name: str | PathLike[str]) -> Path:
@@ -121,7 +129,7 @@ def _unknown(field: str, got: str, known: Mapping[str, object] | list[str]) -> R
     return RobotError("unknown_name", field, f"got {got!r}, known are {', '.join(known)}")
 
 
-def _robot(file: RobotFile, data: dict[str, object]) -> r.Robot:
+def _robot(file: RobotFile, data: dict[str, object], folder: Path | None = None) -> RobotInFolder:
     tree = _Tree(file)
     for i, limb in enumerate(file.limbs):
         tree.add_limb(limb, f"limbs[{i}]")
@@ -135,7 +143,7 @@ def _robot(file: RobotFile, data: dict[str, object]) -> r.Robot:
     mount = r.ImuMount(np.array(file.imu.position), _unit(file.imu.quat_wxyz), imu_profile(imu))
     encoders, current = file.encoders, file.current
     content = {"robot": canonical(data), "imu": canonical(profile)}
-    return r.Robot(
+    return RobotInFolder(
         name=file.name,
         kind=file.kind,
         description=file.description,
@@ -154,6 +162,7 @@ def _robot(file: RobotFile, data: dict[str, object]) -> r.Robot:
         camera=file.camera,
         ranger=file.ranger,
         other_names=file.other_names,
+        folder=folder,
     )
 
 

@@ -149,13 +149,42 @@ class View {
     ctx.strokeStyle = ctx.fillStyle = "rgba(20,30,40,.17)"; ctx.beginPath(); let width = 0;
     for (const [a, b, r] of this.head.limbs) { const A = on(a), B = on(b); ctx.moveTo(this.x(A), this.y(A)); ctx.lineTo(this.x(B), this.y(B)); width += 2 * r / this.head.limbs.length; }
     ctx.lineWidth = width * this.scale; ctx.stroke();
-    const top = this.head.faces[0]; if (!top) return; ctx.beginPath(); for (const i of top[0]) { const A = on(i); ctx.lineTo(this.x(A), this.y(A)); } ctx.fill();
+    const top = this.head.faces[0]; if (top) { ctx.beginPath(); for (const i of top[0]) { const A = on(i); ctx.lineTo(this.x(A), this.y(A)); } ctx.fill(); }
+    ctx.beginPath(); // one path of triangles that face up: none of them cancels or darkens another
+    for (const mesh of this.head.meshes) {
+      const q = this.placed(mesh, points); for (let i = 0; i < q.length; i += 3) q[i + 2] = this.height(q[i], q[i + 1]);
+      this.triangles(mesh, q, (a, b, c) => {
+        if ((q[b] - q[a]) * (q[c + 1] - q[a + 1]) - (q[b + 1] - q[a + 1]) * (q[c] - q[a]) > 0) for (const i of [a, b, c]) i == a ? ctx.moveTo(this.x(q, i), this.y(q, i)) : ctx.lineTo(this.x(q, i), this.y(q, i));
+      });
+    }
+    ctx.fill();
+  }
+  // Vertices of a mesh in the world: its frame is four points, the link's origin and 1 m along its axes.
+  placed([[o, x, y, z], vertices], p) {
+    const q = new Float64Array(vertices.length), m = this.m;
+    for (let k = 0; k < 3; k++) {
+      const at = p[3 * o + k], X = (p[3 * x + k] - at) / m, Y = (p[3 * y + k] - at) / m, Z = (p[3 * z + k] - at) / m;
+      for (let i = 0; i < q.length; i += 3) q[i + k] = at + X * vertices[i] + Y * vertices[i + 1] + Z * vertices[i + 2];
+    }
+    return q;
+  }
+  triangles([, , corners], q, each) { for (let i = 0; i < corners.length; i += 3) each(3 * corners[i], 3 * corners[i + 1], 3 * corners[i + 2]); }
+  mesh(mesh, p, parts) {
+    const q = this.placed(mesh, p), n = this.near;
+    this.triangles(mesh, q, (a, b, c) => {
+      const ex = q[b] - q[a], ey = q[b + 1] - q[a + 1], ez = q[b + 2] - q[a + 2], fx = q[c] - q[a], fy = q[c + 1] - q[a + 1], fz = q[c + 2] - q[a + 2];
+      const nx = ey * fz - ez * fy, ny = ez * fx - ex * fz, nz = ex * fy - ey * fx;
+      if (nx * n[0] + ny * n[1] + nz * n[2] <= 0) return;
+      const lit = Math.max(0, (-0.35 * nx - 0.5 * ny + 0.79 * nz) / (Math.hypot(nx, ny, nz) || 1));
+      parts.push([(this.depth(q, a) + this.depth(q, b) + this.depth(q, c)) / 3, 3, [q, a, b, c, shaded(mesh[3], 0.7 + 0.5 * lit)]]);
+    });
   }
   robot(frame) {
     const p = frame.points, ctx = this.ctx, parts = [], s = this.scale;
     for (const limb of this.head.limbs) parts.push([0.5 * (this.depth(p, 3 * limb[0]) + this.depth(p, 3 * limb[1])), 0, limb]);
     for (const ball of this.head.balls) parts.push([this.depth(p, 3 * ball[0]) + 0.5 * ball[1], 1, ball]);
     for (const face of this.head.faces) { let d = 0; for (const i of face[0]) d += this.depth(p, 3 * i); parts.push([d / face[0].length, 2, face]); }
+    for (const mesh of this.head.meshes) this.mesh(mesh, p, parts);
     parts.sort((a, b) => a[0] - b[0]);
     for (const [, kind, part] of parts) {
       if (kind == 0) {
@@ -165,7 +194,11 @@ class View {
           ctx.strokeStyle = c; ctx.lineWidth = width; ctx.beginPath(); ctx.moveTo(ax + dx, ay + dy); ctx.lineTo(bx + dx, by + dy); ctx.stroke();
         }
       } else if (kind == 1) this.sphere(this.x(p, 3 * part[0]), this.y(p, 3 * part[0]), Math.max(1.5, part[1] * s), part[2]);
-      else this.face(p, part);
+      else if (kind == 2) this.face(p, part);
+      else {
+        const [q, a, b, c, colour] = part; ctx.fillStyle = ctx.strokeStyle = colour; ctx.lineWidth = 0.6 * this.ratio;
+        ctx.beginPath(); ctx.moveTo(this.x(q, a), this.y(q, a)); ctx.lineTo(this.x(q, b), this.y(q, b)); ctx.lineTo(this.x(q, c), this.y(q, c)); ctx.closePath(); ctx.fill(); ctx.stroke();
+      }
     }
   }
   face(p, [corners, colour]) {
