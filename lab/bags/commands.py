@@ -21,7 +21,7 @@ from ..cli.output import (
     write_table,
 )
 from ..cli.progress import Progress
-from .formats import ENDINGS, check_format, check_out
+from .formats import ENDINGS, check_format, check_out, check_rate
 
 if TYPE_CHECKING:
     from .raw import RawLog
@@ -154,11 +154,13 @@ def export_recording(
     robot: Annotated[
         str | None, typer.Option(help="Robot description [that of the recording].", autocompletion=robots)
     ] = None,
+    rate: Annotated[float | None, typer.Option(help="Snapshots a second, of foxglove [one for each tick].")] = None,
     json: Json = False,
 ) -> None:
     """Write a recording in a format of other programs."""
     use_json(json)
     check_format(to)
+    check_rate(to, rate)
     target = out or file.with_name(f"{file.stem}{ENDINGS[to]}")
     check_out(to, target)
     refuse_unreachable(target, makes_folders=True)
@@ -168,7 +170,7 @@ def export_recording(
         from .exporting import export
 
         recording = open_readable(file)
-        path = export(recording, to, target, robot, progress.at)
+        path = export(recording, to, target, robot, progress.at, rate)
     for note in recording.notes:
         notify(f"note  {note}")
     write_answer({"file": str(path)}, f"file  {path}")

@@ -25,7 +25,7 @@ from surefoot.record.recording import ReadableRecording, open_readable
 from surefoot.record.robots import robot_for
 from surefoot.robot.description import Robot
 
-from .formats import check_out
+from .formats import check_out, check_rate
 from .foxglove import write_foxglove
 
 TOPICS = {"imu": "/imu/data", "joints": "/joint_states", "contacts": "/foot_contacts", "odometry": "/odom", "tf": "/tf"}
@@ -43,6 +43,7 @@ def export(
     out: Path,
     robot: str | None = None,
     progress: Share = lambda share: None,
+    rate_hz: float | None = None,
 ) -> Path:
     """Write the readable part of a recording in another format, completely or not at all; return the path.
 
@@ -52,17 +53,20 @@ def export(
         out: file or folder to write, which must not exist.
         robot: name or folder of the robot description; None = that of the recording.
         progress: called with the share that is done, 0 to 1.
+        rate_hz: snapshots a second of a `foxglove` export; None = one for each tick.
 
     Raises:
         SurefootError: the format is unknown, `out` exists, the recording cannot be read, or is of another robot.
     """
     check_out(kind, out)
+    check_rate(kind, rate_hz)
     opened = open_readable(recording)
     description = robot_for(opened, robot)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
         part = Path(folder) / out.name
-        FORMATS[kind](opened, part, description, progress)
+        more = {} if rate_hz is None else {"rate_hz": rate_hz}
+        FORMATS[kind](opened, part, description, progress, **more)
         shutil.move(part, out)
     return out
 
@@ -185,7 +189,7 @@ def _rosbag2(recording: ReadableRecording, out: Path, robot: Robot, progress: Sh
         raise SurefootError("invalid", f"{recording.path} has none of hw/imu, hw/joints, hw/contacts", "recording")
 
 
-FORMATS: dict[str, Callable[[ReadableRecording, Path, Robot, Share], None]] = {
+FORMATS: dict[str, Callable[..., None]] = {
     "rosbag2": _rosbag2, "csv": _csv, "parquet": _parquet, "tum": _tum, "foxglove": write_foxglove,
 }  # fmt: skip
 """Export functions by the name of their format, as in `formats.ENDINGS`."""

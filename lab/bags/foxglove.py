@@ -14,17 +14,23 @@ from ..scene.film import NS, ReadCount, snapshots
 from ..scene.foxglove import FoxgloveScene
 from ..scene.pages import LAYOUT, asset
 from ..scene.primitives import sdk
-from ..scene.scene import KEYS, RobotScene
+from ..scene.scene import KEYS, POSTURE, RobotScene
 
-RATE_HZ = 50.0
-"""Rate of the exported robot poses in recorded (simulated) time, Hz."""
+MOST_SNAPSHOTS = 20_000
+"""Largest number of snapshots of an export without a stated rate; those of a longer recording are further apart."""
+NEXT_S = 2.0 * NS
+"""Period of snapshots, s, that is below any between two ticks: there is one for each."""
 LINE_KEY = "log/"
 LATEST_S = 2.0**32
 """Upper limit of stamps in Foxglove's messages, s; a recording with a pose at or after it is refused."""
 
 
 def write_foxglove(
-    recording: ReadableRecording, out: Path, robot: Robot, progress: Callable[[float], None] = lambda share: None
+    recording: ReadableRecording,
+    out: Path,
+    robot: Robot,
+    progress: Callable[[float], None] = lambda share: None,
+    rate_hz: float | None = None,
 ) -> None:
     """Write a recording as an MCAP file of Foxglove's messages.
 
@@ -35,6 +41,7 @@ def write_foxglove(
         out: file to write.
         robot: description of the recorded robot.
         progress: called with the share that is done, 0 to 1.
+        rate_hz: snapshots a second of recorded time; None = one for each tick, but `MOST_SNAPSHOTS` at most.
 
     Raises:
         SurefootError: the library is missing, or the recording cannot be read, shows no posture of the robot, or holds
@@ -51,8 +58,10 @@ def write_foxglove(
                 log_time=recording.start_ns, create_time=recording.start_ns, name=name, media_type=kind, data=data
             )
         to = FoxgloveScene(scene, context)
+        period_s, text = _period(recording, rate_hz)
+        to.log(recording.start_ns, "info", "export", text)
         messages = ((m.stamp_ns * NS, account.reading(m)) for m in recording.messages(KEYS, progress))
-        for shown in snapshots(scene, messages, 1.0 / RATE_HZ):
+        for shown in snapshots(scene, messages, period_s):
             if not 0.0 <= shown.time < LATEST_S:
                 got = f"a pose at {shown.time:g} s, allowed is 0 or more and below {LATEST_S:g}"
                 raise SurefootError("malformed", f"{recording.path}: {got}", "stamp_ns")
@@ -65,6 +74,17 @@ def write_foxglove(
     if not count:
         why = "".join(f"; {note}" for note in account.notes())
         raise SurefootError("invalid", f"{recording.path} shows no posture of the robot {robot.name}{why}", "recording")
+
+
+def _period(recording: ReadableRecording, rate_hz: float | None) -> tuple[float, str]:
+    """Return the time between two snapshots, s, by their rate, else by the ticks and their number; and it in words."""
+    if rate_hz is not None:
+        return 1.0 / rate_hz, f"{rate_hz:g} snapshots a second"
+    count = next((number for key in POSTURE if (number := recording.found.messages[key])), 0)
+    if count <= MOST_SNAPSHOTS:
+        return NEXT_S, "a snapshot for each tick"
+    period_s = (recording.end_ns - recording.start_ns) * NS / MOST_SNAPSHOTS
+    return period_s, f"{1.0 / period_s:.4g} snapshots a second, as the recording has {count} ticks; all with --rate"
 
 
 def _log_lines(recording: ReadableRecording) -> list[tuple[int, str, str, str]]:

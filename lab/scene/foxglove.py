@@ -7,6 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.arrays import Array
+from surefoot.bus.ros_messages import pose_covariance, twist_covariance
+from surefoot.geometry.linear import product
+from surefoot.geometry.rotations import matrix_from_quat
+
 from .primitives import GROUND_COLOUR, Primitives, centres, sdk, surface
 from .scene import RobotScene, Snapshot
 from .shapes import DrawnGround
@@ -19,6 +24,8 @@ KINDS = {
 }  # fmt: skip
 """Foxglove message type of each channel by topic. Besides, `/values` is JSON, and there is a point cloud for each link
 and the ground under `/shape/`, for viewers that cannot show scenes."""
+LATELY_NS = 50_000_000
+"""Largest age of measured joint rates and torques beside the angles of a snapshot, ns."""
 LEVELS = {"debug": "Debug", "info": "Info", "warning": "Warning", "error": "Error"}
 
 
@@ -62,13 +69,9 @@ class FoxgloveScene:
         pose = m.PoseInFrame(timestamp=make.time(stamp), frame_id=WORLD, pose=make.pose(shown.position, shown.rot))
         self._send("/pose", pose, stamp)
         self._send("/scene", self._items(shown, stamp), stamp)
-        joints = zip(scene.robot.joint_names, shown.joints, strict=True)
-        named = [m.JointState(name=name, position=float(angle)) for name, angle in joints]
-        self._send("/joint_states", m.JointStates(timestamp=make.time(stamp), joints=named), stamp)
+        self._send("/joint_states", self._joints(shown, stamp), stamp)
         if shown.estimate is not None:
-            place = make.pose(*shown.estimate)
-            odometry = m.Odometry(timestamp=make.time(stamp), frame_id=WORLD, body_frame_id=ESTIMATE, pose=place)
-            self._send("/odometry", odometry, stamp)
+            self._send("/odometry", self._odometry(*shown.estimate, stamp), stamp)
         self._values.log(shown.values, log_time=stamp)
         if shown.text and shown.text != self._text:
             self._text = shown.text
@@ -83,6 +86,38 @@ class FoxgloveScene:
 
     def _send(self, topic: str, message: Any, stamp_ns: int) -> None:
         self._to[topic].log(message, log_time=stamp_ns)
+
+    def _joints(self, shown: Snapshot, stamp: int) -> Any:
+        """Return the state of the joints: angles as drawn; rates and torques where `hw/joints` measured them lately."""
+        m, measured, none = self._make.messages, self._scene.latest("hw/joints"), (None,) * len(shown.joints)
+        if measured is None or abs(stamp - measured.stamp_ns) > LATELY_NS:  # beside the truth a live view asks for none
+            rates = torques = none
+        else:
+            rates, torques = measured.velocity or none, measured.torque or none
+        named = [
+            m.JointState(name=name, position=angle, velocity=rate, effort=torque)
+            for name, angle, rate, torque in zip(
+                self._scene.robot.joint_names, shown.joints.tolist(), rates, torques, strict=True
+            )
+        ]
+        return m.JointStates(timestamp=self._make.time(stamp), joints=named)
+
+    def _odometry(self, position: Array, rot: Array, stamp: int) -> Any:
+        """Return the estimate of base_link in the world, position (3,) m, rotation (3, 3), with its uncertainty."""
+        make, robot = self._make, self._scene.robot
+        odometry, velocity = self._scene.latest("state/odometry"), self._scene.latest("state/velocity")
+        turn = np.zeros((6, 6))  # world from odom, of the place and of the rotation about its axes
+        turn[:3, :3] = turn[3:, 3:] = product(rot, matrix_from_quat(np.array(odometry.quat_wxyz)).T)
+        covariance = product(product(turn, pose_covariance(odometry).reshape(6, 6)), turn.T)
+        motion: dict[str, Any] = {}
+        if velocity is not None and velocity.initialised:
+            linear, angular = (make.vector(np.array(x)) for x in (velocity.velocity, velocity.angular_velocity))
+            own = twist_covariance(velocity, matrix_from_quat(robot.imu.quat_wxyz))
+            motion = {"linear_velocity": linear, "angular_velocity": angular, "velocity_covariance": own.tolist()}
+        return make.messages.Odometry(
+            timestamp=make.time(stamp), frame_id=WORLD, body_frame_id=ESTIMATE, pose=make.pose(position, rot),
+            pose_covariance=covariance.ravel().tolist(), **motion,
+        )  # fmt: skip
 
     def _transforms(self, shown: Snapshot, stamp: int) -> Any:
         """Return the poses of trunk and estimate in the world, and of the links in the trunk."""
@@ -116,6 +151,8 @@ class FoxgloveScene:
             places, colours = surface(body, number)
             self._send(f"/shape/{name}", make.cloud(places, colours, name, stamp), stamp)
         self._send("/robot", make.messages.SceneUpdate(entities=entities), stamp)
+        for note in body.notes:
+            self.log(stamp, "warning", "meshes", note)
 
     def _items(self, shown: Snapshot, stamp: int) -> Any:
         """Return the scene update with the items drawn beside the robot in a snapshot, and with new permanent items."""

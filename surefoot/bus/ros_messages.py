@@ -79,7 +79,7 @@ def contacts_message(m: FootContacts) -> Any:
     return _make(KINDS["contacts"], layout=_layout([("foot", len(flags))]), data=flags)
 
 
-def _pose_covariance(m: Odometry) -> Array:
+def pose_covariance(m: Odometry) -> Array:
     """Return the covariance (36,) of x, y, z, m, and the rotation about the axes of odom, rad."""
     if m.pose_covariance is not None:
         return np.array(m.pose_covariance, dtype=np.float64)
@@ -88,6 +88,14 @@ def _pose_covariance(m: Odometry) -> Array:
     for i, row in enumerate(place):
         for k, column in enumerate(place):
             out[row, column] = known[i, k]
+    return out.ravel()
+
+
+def twist_covariance(v: VelocityEstimate, rot_base_from_imu: Array) -> Array:
+    """Return the covariance (36,) of velocity, m/s, and turning rate, base_link; zero for the rate, as not known."""
+    own = np.array(v.covariance, dtype=np.float64).reshape(6, 6)[3:, 3:]
+    out = np.zeros((6, 6))
+    out[:3, :3] = product(product(rot_base_from_imu, own), rot_base_from_imu.T)
     return out.ravel()
 
 
@@ -100,16 +108,14 @@ def odometry_message(pose: Odometry, v: VelocityEstimate, rot_base_from_imu: Arr
         rot_base_from_imu: rotation from IMU to base_link axes, (3, 3).
         frames: names of odom and base_link.
     """
-    own = np.array(v.covariance, dtype=np.float64).reshape(6, 6)[3:, 3:]
-    twist = np.zeros((6, 6))
-    twist[:3, :3] = product(product(rot_base_from_imu, own), rot_base_from_imu.T)
     place = _make("geometry_msgs/msg/Pose", position=_vector(pose.position, "Point"),
                   orientation=_quaternion(pose.quat_wxyz))  # fmt: skip
     speed = _make("geometry_msgs/msg/Twist", linear=_vector(v.velocity), angular=_vector(v.angular_velocity))
+    sure = twist_covariance(v, rot_base_from_imu)
     return _make(
         KINDS["odometry"], header=header(pose.stamp_ns, frames[0]), child_frame_id=frames[1],
-        pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=place, covariance=_pose_covariance(pose)),
-        twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=speed, covariance=twist.ravel()),
+        pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=place, covariance=pose_covariance(pose)),
+        twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=speed, covariance=sure),
     )  # fmt: skip
 
 

@@ -2,14 +2,16 @@
 
 import json
 import math
-import shutil
 import subprocess
+import sys
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 from surefoot.errors import SurefootError
+from surefoot.geometry.rotations import matrix_from_quat
+from surefoot.lab.bags import foxglove
 from surefoot.lab.bags.exporting import export
 from surefoot.lab.scene.foxglove import KINDS
 from surefoot.lab.scene.pages import LAYOUT
@@ -58,13 +60,14 @@ def placed(transforms):
 
 def test_every_kind_is_there_for_every_snapshot(exported):
     assert set(exported) >= {*KINDS, "/values", "/shape/base_link", "/shape/ground"}
-    assert len(exported["/tf"]) > 200
     for topic in ("/pose", "/joint_states", "/values"):
         assert [stamp for stamp, _ in exported[topic]] == [stamp for stamp, _ in exported["/tf"]], topic
 
 
 def test_base_pose_is_the_truth(exported, recorded):
     truths = {item.stamp_ns: item.message() for item in read_recording(recorded, ("sim/truth",))}
+    assert [stamp for stamp, _ in exported["/tf"]] == sorted(truths)
+    assert len(truths) > 400  # each tick
     for (stamp, message), (_, named) in zip(exported["/tf"], exported["/pose"], strict=True):
         place, turn = placed(message.transforms)["base_link"]
         truth = truths[stamp]
@@ -97,6 +100,64 @@ def test_the_robot_has_a_shape_in_every_frame_and_joints_by_name(exported):
     assert sum(len(e.cylinders) for e in robot.entities) >= 18
     _, joints = exported["/joint_states"][-1]
     assert len({joint.name for joint in joints.joints}) == 18
+
+
+def test_odometry_has_velocity_and_covariances_of_the_estimator(exported, recorded):
+    keys = ("state/odometry", "state/velocity")
+    found = {(item.key, item.stamp_ns): item.message() for item in read_recording(recorded, keys)}
+    initialised, mount = 0, matrix_from_quat(load_robot("ragno").imu.quat_wxyz)
+    for stamp, message in exported["/odometry"][::20]:
+        odometry, velocity = (found[key, stamp] for key in keys)
+        spread = np.array(message.pose_covariance).reshape(6, 6)
+        own = np.array(odometry.pose_covariance).reshape(6, 6)
+        assert spread == pytest.approx(spread.T, abs=1e-12)
+        assert np.linalg.eigvalsh(spread[:3, :3]) == pytest.approx(np.linalg.eigvalsh(own[:3, :3]), abs=1e-12)
+        assert spread[[2, 5], [2, 5]] == pytest.approx(own[[2, 5], [2, 5]], abs=1e-12)  # only turned about the vertical
+        if velocity.initialised:
+            initialised += 1
+            linear, angular = message.linear_velocity, message.angular_velocity
+            assert (linear.x, linear.y, linear.z) == pytest.approx(velocity.velocity, abs=1e-12)
+            assert (angular.x, angular.y, angular.z) == pytest.approx(velocity.angular_velocity, abs=1e-12)
+            wide = np.array(message.velocity_covariance).reshape(6, 6)
+            theirs = mount @ np.array(velocity.covariance).reshape(6, 6)[3:, 3:] @ mount.T
+            assert wide[:3, :3] == pytest.approx(theirs, abs=1e-12)
+            assert not wide[3:].any()
+    assert initialised > 5
+
+
+def test_joint_states_have_the_torques_that_the_driver_measured(exported, recorded):
+    measured = {item.stamp_ns: item.message() for item in read_recording(recorded, ("hw/joints",))}
+    compared = 0
+    for stamp, message in exported["/joint_states"]:
+        if stamp in measured and measured[stamp].torque is not None:
+            compared += 1
+            assert tuple(joint.effort for joint in message.joints) == measured[stamp].torque
+            assert not any(joint.HasField("velocity") for joint in message.joints)  # which Ragno does not measure
+    assert compared > 10
+    assert sum(message.joints[0].HasField("effort") for _, message in exported["/joint_states"]) > 400
+
+
+@pytest.mark.parametrize(("rate", "most", "apart"), [(None, 20_000, 0.01), (25.0, 20_000, 0.04), (None, 50, 0.08)])
+def test_the_rate_of_an_export_is_that_of_the_ticks_or_as_stated(recorded, tmp_path, monkeypatch, rate, most, apart):
+    monkeypatch.setattr(foxglove, "MOST_SNAPSHOTS", most)
+    path = export(recorded, "foxglove", tmp_path / "out.mcap", rate_hz=rate)
+    with path.open("rb") as opened:
+        reader = make_reader(opened)
+        stamps = [message.log_time for _, _, message in reader.iter_messages(topics=["/tf"])]
+        lines = [reader_of(s.data, s.name).FromString(m.data).message for s, _, m in reader.iter_messages(["/log"])]
+    steps = np.diff(stamps) * 1e-9
+    assert np.median(steps) == pytest.approx(apart, abs=0.011 if most == 50 else 1e-9)
+    assert len(stamps) <= most + 1
+    assert ("a snapshot for each tick" in lines) == (rate is None and most > 50)
+    assert any("as the recording has" in line for line in lines) == (most == 50)
+
+
+@pytest.mark.parametrize(("kind", "rate"), [("csv", 10.0), ("foxglove", 0.0), ("foxglove", float("nan"))])
+def test_a_rate_that_no_export_can_have_is_refused(recorded, tmp_path, kind, rate):
+    with pytest.raises(SurefootError) as refused:
+        export(recorded, kind, tmp_path / "out", rate_hz=rate)
+    assert (refused.value.code, refused.value.field) == ("invalid", "rate")
+    assert not list(tmp_path.iterdir())
 
 
 def test_map_and_cloud_of_the_ground_agree(exported):
@@ -165,11 +226,49 @@ def test_without_truth_the_base_is_the_estimate(recorded, tmp_path):
     assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx(last.position, abs=1e-9)
 
 
-def test_rerun_reads_the_frames_and_the_surface_of_the_robot(file, tmp_path):
-    rerun = shutil.which("rerun") or pytest.skip("pip install rerun-sdk")
-    target = str(tmp_path / "run.rrd")
-    subprocess.run([rerun, "mcap", "convert", str(file), "-o", target], check=True, capture_output=True)
-    printed = subprocess.run([rerun, "rrd", "print", target], check=True, capture_output=True, text=True).stdout
-    assert [
-        each for each in ("/tf", "/pose", "/scene", "/map", "/log", "/shape/base_link") if each not in printed
-    ] == []
+@pytest.fixture(scope="module")
+def in_rerun(file, tmp_path_factory):
+    """Chunks of the export as rerun's recording holds them: table by table, by name of the entity."""
+    chunk = pytest.importorskip("rerun.chunk", reason="rerun is not installed: pip install rerun-sdk")
+    target, found = tmp_path_factory.mktemp("rerun") / "run.rrd", {}
+    command = [sys.executable, "-m", "rerun", "mcap", "convert", str(file), "-o", str(target)]
+    subprocess.run(command, check=True, capture_output=True)
+    for each in chunk.RrdReader(target).stream():
+        found.setdefault(each.entity_path, []).append(each.to_record_batch())
+    return found
+
+
+def rows(tables, key):
+    """Rows of the tables that have the column `key`, each with its stamp, ns."""
+    for table in tables:
+        if key in table.schema.names:
+            yield from zip(table["timestamp"].cast("int64").to_pylist(), table.to_pylist(), strict=True)
+
+
+def test_every_transform_and_pose_of_the_export_is_in_rerun_to_a_micrometre(in_rerun, exported, recorded):
+    truths = {item.stamp_ns: item.message() for item in read_recording(recorded, ("sim/truth",))}
+    sent = {(stamp, name): place for stamp, each in exported["/tf"] for name, place in placed(each.transforms).items()}
+    kept, based = 0, 0
+    for stamp, row in rows(in_rerun["/tf"], "Transform3D:translation"):
+        (name,), (place,), (turn,) = (row[f"Transform3D:{key}"] for key in ("child_frame", "translation", "quaternion"))
+        expected, quat = sent[stamp, name]
+        assert place == pytest.approx(expected, abs=1e-6)
+        assert [turn[3], *turn[:3]] == pytest.approx(quat, abs=1e-6)
+        kept += 1
+        if name == "base_link":
+            assert place == pytest.approx(truths[stamp].position, abs=1e-6)
+            based += 1
+    assert (kept, based) == (len(sent), len(truths))
+    poses = list(rows(in_rerun["/pose"], "InstancePoses3D:translations"))
+    assert len(poses) == len(truths)
+    for stamp, row in poses:
+        assert row["InstancePoses3D:translations"][0] == pytest.approx(truths[stamp].position, abs=1e-6)
+
+
+def test_rerun_draws_points_and_text_and_keeps_the_rest_as_messages(in_rerun):
+    names = {path: {name for table in found for name in table.schema.names} for path, found in in_rerun.items()}
+    assert "Points3D:positions" in names["/shape/base_link"] & names["/shape/ground"]
+    assert "TextLog:text" in names["/log"]
+    kept = {"/scene": "SceneUpdate", "/robot": "SceneUpdate", "/map": "Grid", "/odometry": "Odometry"}
+    for path, kind in (kept | {"/joint_states": "JointStates"}).items():  # as docs/view.md states
+        assert f"foxglove.{kind}:message" in names[path], path
