@@ -229,11 +229,12 @@ def centres(ground: DrawnGround) -> Array:
 
 
 def _towards(z: Array) -> Array:
-    """Return a rotation matrix (3, 3) whose third column is the unit vector z (3,)."""
-    other = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    x = np.cross(other, z)
-    x /= np.linalg.norm(x)
-    return np.column_stack((x, np.cross(z, x), z))
+    """Return a rotation matrix (3, 3) whose third column is the unit vector z (3,), by Duff et al. (JCGT 2017)."""
+    x, y, height = z.tolist()
+    side = math.copysign(1.0, height)
+    a = -1.0 / (side + height)
+    b = x * y * a
+    return np.array([[1.0 + side * x * x * a, b, x], [side * b, side + y * y * a, y], [-side * x, -y, height]])
 
 
 def _bytes_of(colour: str) -> tuple[int, int, int]:

@@ -15,7 +15,7 @@ from surefoot.lab.bags import foxglove
 from surefoot.lab.bags.exporting import export
 from surefoot.lab.scene.foxglove import KINDS
 from surefoot.lab.scene.pages import LAYOUT
-from surefoot.lab.scene.primitives import surface
+from surefoot.lab.scene.primitives import Primitives, surface
 from surefoot.lab.scene.scene import KEYS
 from surefoot.lab.scene.shapes import body_of
 from surefoot.record.recording import RecordingWriter, read_recording, recording_info, topic_of
@@ -272,3 +272,15 @@ def test_rerun_draws_points_and_text_and_keeps_the_rest_as_messages(in_rerun):
     kept = {"/scene": "SceneUpdate", "/robot": "SceneUpdate", "/map": "Grid", "/odometry": "Odometry"}
     for path, kind in (kept | {"/joint_states": "JointStates"}).items():  # as docs/view.md states
         assert f"foxglove.{kind}:message" in names[path], path
+
+
+def test_arrows_point_from_their_tail_to_their_tip():
+    random = np.random.default_rng(7)
+    for tip in [*random.normal(size=(20, 3)), np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, -2.0])]:
+        sent = Primitives().arrow(np.zeros(3), tip, 0.01, "#102030")
+        schema = sent.get_schema()
+        arrow = reader_of(schema.data, schema.name).FromString(sent.encode())
+        turn = arrow.pose.orientation
+        along = matrix_from_quat(np.array([turn.w, turn.x, turn.y, turn.z]))[:, 0]
+        assert along == pytest.approx(tip / np.linalg.norm(tip), abs=1e-9)
+        assert arrow.shaft_length + arrow.head_length == pytest.approx(np.linalg.norm(tip))
