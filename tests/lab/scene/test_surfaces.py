@@ -8,9 +8,11 @@ import json
 import mujoco
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from surefoot.bus.codec import encode
 from surefoot.bus.interface import Raw
+from surefoot.lab.bags.exporting import export
 from surefoot.lab.report.robot_drawing import draw_robot
 from surefoot.lab.robots.folder import import_robot
 from surefoot.lab.scene import surfaces
@@ -20,6 +22,7 @@ from surefoot.lab.scene.painter import Painter
 from surefoot.lab.scene.primitives import Primitives, surface
 from surefoot.lab.scene.shapes import TRUNK, body_of
 from surefoot.lab.scene.surfaces import MOST_TRIANGLES, LinkSurface, _few
+from surefoot.lab.view.live import LiveFrames
 from surefoot.record.recording import RecordingWriter, open_readable, topic_of
 from surefoot.record.robots import robot_of
 from surefoot.robot.kinematics import forward
@@ -27,6 +30,8 @@ from surefoot.robot.reader import load_robot
 from surefoot.schemas.hw import JointState
 from tests.browser import CHROMIUM, MISSING, Browser
 from tests.lab.robots.test_import import MJCF
+from tests.lab.scene.protobuf import reader_of
+from tests.lab.view.quiet import QuietClient
 
 CORNERS = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3.0]])
 SIDES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -234,6 +239,23 @@ def test_the_drawing_of_a_robot_shows_the_mesh_and_states_what_it_lacks(toy, in_
     assert code == 0
     assert "links of toy are drawn as simple shapes" in err
     assert (toy.parent / "mesh.png").read_bytes() != (toy.parent / "plain.png").read_bytes()
+
+
+def test_view_export_and_report_state_what_they_lack(standing, toy):
+    (toy / "meshes" / "hull.stl").unlink()
+    lacking = "2 of 13 links of toy are drawn as simple shapes"
+    recording = open_readable(standing)
+    assert any(lacking in note for note in film_of_recording(recording, robot_of(recording)).notes)
+    live = LiveFrames(QuietClient(), load_robot(toy), lambda reason: (True, reason))
+    ((level, text),) = live._report(0.0)["log"]
+    live.close()
+    assert (level, text.startswith(lacking)) == ("warning", True)
+    pytest.importorskip("foxglove", reason="the extra `foxglove` is not installed")
+    with export(standing, "foxglove", toy.parent / "fox.mcap").open("rb") as opened:
+        lines = [
+            reader_of(s.data, s.name).FromString(m.data) for s, _, m in make_reader(opened).iter_messages(["/log"])
+        ]
+    assert [line.name for line in lines if lacking in line.message] == ["meshes"]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
