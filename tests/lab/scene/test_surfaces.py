@@ -1,8 +1,5 @@
 """Meshes of an imported robot in its pictures, from files that the test makes."""
 
-# mujoco has no type stubs for its compiled modules:
-# pyright: reportAttributeAccessIssue=false
-
 import json
 
 import mujoco
