@@ -29,6 +29,11 @@ def test_camera_looks_ahead_and_down_with_x_to_the_right() -> None:
     assert np.allclose(rot[:, 0], (0.0, -1.0, 0.0), atol=1e-9)
 
 
+def test_each_robot_is_drawn_on_the_page_of_frames() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "frames.md").read_text(encoding="utf-8")
+    assert [name for name in robot_names() if f"({name}-frames.png)" not in page] == []
+
+
 def test_a_drawing_is_written_and_is_the_same_each_time(tmp_path: Path) -> None:
     robot = load_robot("bioloid")
     draw_robot(robot, tmp_path / "a.png")
