@@ -5,7 +5,9 @@ world = simulation.world("ragno", friction=0.4)
 world.step_tick(world.command)
 """
 
+from collections.abc import Mapping
 from os import PathLike
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -21,7 +23,7 @@ from surefoot.services.simulator.physics.faults import Fault
 from surefoot.services.simulator.physics.model import Physics
 from surefoot.services.simulator.physics.samples import Checkpoint
 from surefoot.services.simulator.world import PhysicsWorld, WorldConfig
-from surefoot.services.supervisor.scenarios.scenario import load_scenario
+from surefoot.services.supervisor.scenarios.scenario import load_scenario, scenario_of
 
 __all__ = ["LocalRun", "PhysicsWorld", "StrictWorld", "run", "scenarios", "world"]
 
@@ -143,25 +145,26 @@ def scenarios() -> tuple[str, ...]:
 
 
 def run(
-    scenario: str | PathLike[str], *, seed: int | None = None, recording: str | PathLike[str] | None = None
-) -> LocalRun:
+    scenario: str | PathLike[str] | Mapping[str, Any], *, seed: int | None = None,
+    recording: str | PathLike[str] | None = None,
+) -> LocalRun:  # fmt: skip
     """Run a scenario with all its services in this process, and return its result.
 
     The same seed gives the same run hash as the command line.
 
     Args:
-        scenario: name or path of its file.
+        scenario: name, path of its file, or the keys of such a file, as `{"description": ..., "step": [...]}`.
         seed: None = the scenario's own.
         recording: MCAP file to write; None = none.
 
     Raises:
-        SurefootError: there is no such scenario, its system cannot be started, or the recording cannot be written.
+        SurefootError: there is no such scenario, one of its keys cannot be used, its system cannot be started, or the
+            recording cannot be written.
     """
     chosen = None if seed is None else whole(seed, "seed", low=0, high=MOST_SEED)
-    found, out = (
-        load_scenario(str(file_path(scenario, "scenario"))),
-        None if recording is None else file_path(recording, "recording"),
-    )
+    given = scenario_of(scenario) if isinstance(scenario, Mapping) else None
+    found = given or load_scenario(str(file_path(scenario, "scenario")))
+    out = None if recording is None else file_path(recording, "recording")
     if out is not None:
         try:
             out.parent.mkdir(parents=True, exist_ok=True)

@@ -1,26 +1,13 @@
-"""Why did it fall? A walk onto ice is recorded, and explained from the recording alone."""
+"""Why did it fall? A walk is recorded, in which the robot is pushed, and explained from the recording alone."""
 
 import tempfile
 from pathlib import Path
 
 import surefoot
 
-ICE = """
-description = "the ground turns to ice"
-compose = "ragno"
-max_duration_s = 7.0
-[[step]]
-when = "ready"
-do = "walk"
-[[step]]
-at_tick = 450
-do = "set"
-quantity = "friction"
-value = 0.02
-"""
+walk, push = {"when": "ready", "do": "walk"}, {"at_tick": 250, "do": "push", "force": [0, 120, 0], "duration": 0.3}
+scenario = {"description": "a push from the side", "max_duration_s": 5.0, "step": [walk, push]}
 with tempfile.TemporaryDirectory() as folder:
-    scenario, bag = Path(folder) / "ice.toml", Path(folder) / "run.mcap"
-    scenario.write_text(ICE)
+    bag = Path(folder) / "run.mcap"
     surefoot.simulation.run(scenario, seed=1, recording=bag)
-    found = surefoot.bags.why(bag)
-print(found.sentence)
+    print(surefoot.bags.why(bag).sentence)

@@ -20,15 +20,18 @@ pytestmark = pytest.mark.e2e
 
 BUILD = "from setuptools.build_meta import build_wheel; import sys; build_wheel(sys.argv[1])"
 GALLERY = """
-import contextlib, glob, io, json, runpy, services, schemas
+import contextlib, glob, io, json, notebooks, runpy, services, schemas
 shown = {}
 for path in sorted(glob.glob("library/*.py")):
     with contextlib.redirect_stdout(io.StringIO()) as out:
         runpy.run_path(path, run_name="__main__")
     shown[path] = out.getvalue()
-print(json.dumps({"shown": shown, "theirs": [services.__file__, schemas.__file__]}))
+cells = notebooks.code_cells(json.load(open("library/tour.ipynb")))
+differ = [cell["source"] for cell, text in zip(cells, notebooks.printed(cells), strict=True)
+          if notebooks.outputs(text) != cell["outputs"]]
+print(json.dumps({"shown": shown, "differ": differ, "theirs": [services.__file__, schemas.__file__]}))
 """
-"""Runs every example of `library/` in one process, which saves the start of a dozen."""
+"""Runs every example of `library/` and its notebook in one process, which saves the start of a dozen."""
 COMPILES = processor() == LEVEL
 """This processor can compile the kernels of a wheel."""
 FIRST = """
@@ -151,14 +154,16 @@ def test_examples_run_beside_packages_of_our_names(installed: Path, tmp_path: Pa
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").touch()
     shutil.copytree(ROOT / "examples" / "library", tmp_path / "library")
+    shutil.copy(ROOT / "tests" / "notebooks.py", tmp_path)
     done = run(installed, tmp_path, "-c", GALLERY)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert all(str(tmp_path) in path for path in found["theirs"])
-    assert len(found["shown"]) == len(list((tmp_path / "library").glob("*.py")))
+    assert len(found["shown"]) == 20  # of ten lines each: tests/contract/test_examples.py
     assert all(found["shown"].values()), found
+    assert found["differ"] == []
     assert "falls" in found["shown"]["library/will_it_fall.py"]
-    assert "because" in found["shown"]["library/why_did_it_fall.py"]
+    assert "it fell" in found["shown"]["library/why_did_it_fall.py"]
 
 
 @pytest.mark.slow

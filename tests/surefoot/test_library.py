@@ -134,6 +134,8 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: surefoot.simulation.world(friction=0.0), "range", "friction", "1e-06"),
     (lambda: surefoot.simulation.run("stand", recording="/"), "unwritable", "recording", "cannot be written"),
     (lambda: surefoot.simulation.run("stnd"), "not_found", "", "stand"),
+    (lambda: surefoot.simulation.run({"step": []}), "missing", "description", "missing"),
+    (lambda: surefoot.simulation.run({"description": "x", "step": [{}]}), "missing", "step[0].do", "missing"),
     (lambda: surefoot.stability.margin(TURNED, [0.0, 0.0]), "shape", "where.position", "(3, 4)"),
     (lambda: contacts(np.ma.masked_less(FEET, 0.0)), "type", "points", "numbers"),
     (lambda: surefoot.navigation.FloorGrid(NAN * FLOOR, 0.05), "bad_grid", "cells", "nan"),  # type: ignore[arg-type]

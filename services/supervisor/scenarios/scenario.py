@@ -254,7 +254,16 @@ def parse_scenario(text: str, path: Path = Path("scenario.toml")) -> Scenario:
             content = tomllib.loads(text)
         except (tomllib.TOMLDecodeError, RecursionError) as exc:
             raise ScenarioError("syntax", "file", f"is not TOML: {exc}") from exc
-        return validated(Scenario, {"name": path.stem, **content}, ScenarioError)
+        return scenario_of(content, path.stem)
     except ScenarioError as exc:
         exc.file = str(path)
         raise
+
+
+def scenario_of(content: Mapping[str, Any], name: str = "scenario") -> Scenario:
+    """Return the validated scenario of the keys of a scenario file, named `name` unless a key states another name.
+
+    Raises:
+        ScenarioError: with code, field and a sentence.
+    """
+    return validated(Scenario, {"name": name, **content}, ScenarioError)

@@ -8,7 +8,13 @@ from surefoot.lockstep.config import load_config
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.sim import PushRequest
 from surefoot.services.navigator.config import NavigatorConfig
-from surefoot.services.supervisor.scenarios.scenario import ScenarioError, find_scenario, load_scenario, parse_scenario
+from surefoot.services.supervisor.scenarios.scenario import (
+    ScenarioError,
+    find_scenario,
+    load_scenario,
+    parse_scenario,
+    scenario_of,
+)
 from tests.services.refusals import refused
 
 HEAD = 'description = "x"\n'
@@ -68,6 +74,13 @@ def test_reads_every_part():
     assert push.request == PushRequest(force=(0.0, 5.0, 0.0), duration=0.2)
     assert (kill.service, kill.request) == ("estimator", None)
     assert scenario.limits == {"no_fall": 0.0, "min_distance_m": 1.4}
+
+
+def test_keys_make_the_scenario_of_their_file() -> None:
+    keys = {"description": "x", "world": {"terrain": "hills"}, "step": [{"when": "ready", "do": "walk"}]}
+    text = f"{HEAD}[world]\nterrain = 'hills'\n[[step]]\nwhen = 'ready'\ndo = 'walk'\n"
+    assert scenario_of(keys) == parse_scenario(text)
+    assert scenario_of({**keys, "name": "mine"}).name == "mine"
 
 
 @pytest.mark.parametrize(
