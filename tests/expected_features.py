@@ -79,6 +79,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         own = {"SUREFOOT_LISTEN": free_address(), "XDG_STATE_HOME": str(folder / "state")}
+        own |= {"XDG_CONFIG_HOME": str(folder / "config")}  # certificates
         environment = {key: value for key, value in os.environ.items() if not key.startswith("SUREFOOT_")} | own
         (folder / "work").mkdir()
         up = False

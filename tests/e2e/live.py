@@ -54,9 +54,10 @@ no_fall = true
 
 
 def environment(folder: Path, **more: str) -> dict[str, str]:
-    """That of a child: nothing of the caller's settings, its own state folder."""
+    """That of a child: nothing of the caller's settings, its own folders of state and certificates."""
     kept = {key: value for key, value in os.environ.items() if key == VARIABLE or not key.startswith("SUREFOOT_")}
-    return {**kept, "XDG_STATE_HOME": str(folder / "state"), "PYTHONPATH": str(ROOT), "NO_COLOR": "1", **more}
+    own = {"XDG_STATE_HOME": str(folder / "state"), "XDG_CONFIG_HOME": str(folder / "config")}
+    return {**kept, **own, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", **more}
 
 
 def wait_until(condition: Callable[[], bool], seconds: float, what: str) -> None:
