@@ -33,11 +33,12 @@ FILES = (
     "run crawl-flat", "run ragno-goal", "run ragno-own-map", "chaos flat --seed 0",
 )  # fmt: skip
 """Commands that take a minute or so, executed here in a folder with a recording, in this order."""
-SYSTEM = ("up -d", "logs", "sim status", "call cmd/walk", "sim fault sensor_stuck --target imu", "down ragno")
+SYSTEM = ("up -d", "logs", "sim status", "sim fault sensor_stuck --target imu", "down ragno")
 """Commands that start, use and end a system, executed here in this order."""
 CAMPAIGN, GOES_ON = "walks of minutes, or files that they make", "goes on until Ctrl-C, as"
 ELSEWHERE = {
     "bag import walk/ --robot ./go2": ("needs a bag and a robot", "tests/e2e/test_guides.py"),
+    "call cmd/walk": ("names a call, which is refused without its field", "tests/e2e/test_cheat_sheet.py"),
     "chaos flat --zenoh --seed 300 --events 10 --runs 5": ("five live walks", "tests/lab/chaos/test_live.py"),
     **{
         f"evaluate navigator --params {name} --seeds 0:{count} --json": (
