@@ -1,6 +1,7 @@
 """`surefoot footholds`: every verb on small files, and what it refuses."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from PIL import Image
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.footholds.learning.samples import trial_lines
 from surefoot.services.footholds.models.files import load
+from surefoot.services.footholds.models.shipped import shipped
 from tests.services.footholds.learning.made import samples
 from tests.surefoot.geometry.maps import save_asc
 
@@ -49,6 +51,16 @@ def test_learn_merge_show_and_score(tmp_path: Path, answer: Any) -> None:
         assert found["p"].shape == (20, 30)
         assert np.nanmax(found["p"]) < 0.1
         assert list(found["mask_names"])[-1] == "unlearned"
+
+
+def test_tune_writes_the_weight_of_the_best_walks(tmp_path: Path, answer: Any) -> None:
+    model = tmp_path / "m.json"
+    shutil.copy(shipped("ragno"), model)
+    short = ("--ground", "rough:0.04", "--seeds", "500:501", "--distance", "0.1")
+    found = json.loads(answer("footholds", "tune", model, "--weights", "0.5,3", *short, "--json"))
+    tried = {each["weight"]: (each["failed"], each["sliding_mm"]) for each in found["tried"]}
+    assert set(tried) == {0.5, 3.0}
+    assert min(tried, key=tried.__getitem__) == found["chosen"] == load(model).distance_weight
 
 
 def test_a_png_is_scored_as_the_grid_it_came_from(tmp_path: Path, answer: Any) -> None:
