@@ -4,8 +4,9 @@ from collections import Counter
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from threading import Timer, get_ident
+from time import monotonic
 
-NOTICE_S = 2.0
+NOTICE_S = 0.9
 """Time, s, after which a process that compiles and has no listeners, such as a program that uses the library, logs a
 line."""
 
@@ -21,7 +22,7 @@ class Compiling:
         """Number of kernel compilations that ended in this process."""
         self.last = ""
         """Name of the kernel that was compiled last."""
-        self._depth = 0
+        self._depth, self._since, self._spent = 0, 0.0, 0.0
         self._timed = False  # a notice was logged, or is due
         self._by_thread = Counter[int]()
         self._listeners: list[Callable[[str], None]] = []
@@ -32,6 +33,16 @@ class Compiling:
         return self._depth > 0
 
     @property
+    def reported(self) -> bool:
+        """True while a kernel is being compiled and a listener is called with the name of each; else False."""
+        return self.busy and bool(self._listeners)
+
+    @property
+    def spent_s(self) -> float:
+        """Wall time, s, in which this process compiled kernels so far."""
+        return self._spent + (monotonic() - self._since if self.busy else 0.0)
+
+    @property
     def done_here(self) -> int:
         """Number of kernel compilations that ended on the calling thread."""
         return self._by_thread[get_ident()]
@@ -40,6 +51,7 @@ class Compiling:
         """Record that compilation of kernel `name` began; call the listeners unless it is part of another one."""
         self._depth += 1
         if self._depth == 1:
+            self._since = monotonic()
             for listener in tuple(self._listeners):
                 listener(name)
             if not self._listeners and not self._timed:
@@ -51,6 +63,8 @@ class Compiling:
     def ended(self, name: str, counts: bool = True) -> None:
         """Record that compilation of kernel `name` ended; `counts`: False for a step that is not to be counted."""
         self._depth -= 1
+        if not self.busy:
+            self._spent += monotonic() - self._since
         self.done += counts
         self._by_thread[get_ident()] += counts
         self.last = name

@@ -12,7 +12,7 @@ import pytest
 
 from surefoot.bus.memory import MemoryBus
 from surefoot.errors import CallError
-from surefoot.kernels import compiling
+from surefoot.kernels import compiling, kept
 from surefoot.kernels.compiling import COMPILING
 from surefoot.kernels.jit import kernel
 from surefoot.lockstep.node import Node
@@ -26,6 +26,10 @@ from surefoot.kernels.jit import kernel
 @kernel
 def double(x: float) -> float:
     return 2.0 * x
+
+@kernel
+def triple(x: float) -> float:
+    return 3.0 * x
 """
 
 
@@ -147,3 +151,43 @@ def test_a_short_compilation_gets_no_line_and_a_long_one_after_it_does(caplog, m
     time.sleep(0.2)
     record.ended("long")
     assert len(caplog.records) == 1
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", ["flipped", "hash", "cut", "empty", "other"])
+def test_a_damaged_file_of_the_cache_is_named_and_compiled_anew(fresh, monkeypatch, caplog, suffix, damage):
+    """Before, flipped bytes of machine code were executed, and those of an index ended the program with a traceback."""
+    module, cache = fresh
+    function = module.double.py_func
+    assert module.double(2.0) == 4.0
+    for path in (cache / "numba").rglob(f"*.{suffix}"):
+        content = path.read_bytes()
+        half = len(content) // 2
+        changed = {
+            "flipped": content[:half] + bytes(255 - byte for byte in content[half : half + 9]) + content[half + 9 :],
+            "hash": content[:-1] + bytes([255 - content[-1]]),
+            "cut": content[:half],
+            "empty": b"",
+            "other": content.replace(b"double", b"triple"),
+        }
+        path.write_bytes(changed[damage])
+    for again in (1, 0):
+        monkeypatch.setattr(kept._Checked, "_named", False)
+        caplog.clear()
+        before = COMPILING.done
+        assert kernel(function)(2.0) == 4.0
+        assert COMPILING.done == before + again, "the files were not renewed"
+        lines = [each.getMessage() for each in caplog.records]
+        assert len(lines) == again
+        assert all(line.endswith("is damaged: it is not used, and its kernel is compiled anew") for line in lines)
+
+
+def test_code_of_another_kernel_or_of_other_sources_under_the_name_of_this_one_is_not_used(fresh, monkeypatch, caplog):
+    module, cache = fresh
+    assert (module.double(2.0), module.triple(2.0)) == (4.0, 6.0)
+    for path in (cache / "numba").rglob("*double*.nbc"):
+        path.write_bytes(next(path.parent.glob(f"*triple*{'.link' * ('.link' in path.name)}.*1.nbc")).read_bytes())
+    before = COMPILING.done
+    assert kernel(module.double.py_func)(2.0) == 4.0
+    assert COMPILING.done == before + 1
+    assert caplog.records == []
