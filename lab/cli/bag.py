@@ -19,6 +19,7 @@ from .output import (
     write_answer,
     write_json,
 )
+from .progress import Progress
 
 app = typer.Typer(name="bag", help="Recordings (MCAP): record, play, show.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="MCAP file.")]
@@ -59,9 +60,10 @@ def _short(value: str) -> str:
 
 
 def _verify(file: Path, *, json: bool) -> None:
-    from surefoot.record.recording import verify_recording
+    with Progress(f"checksums of {file.name}", reads=[file]):
+        from surefoot.record.recording import verify_recording
 
-    found = verify_recording(file)
+        found = verify_recording(file)
     readable = found.messages.total()
     if json:
         shown = ("chunks", "damaged", "messages", "lost", "uncounted", "problems", "lost_share")

@@ -23,6 +23,23 @@ COSTS: Mapping[str, tuple[Mapping[str, float], ...]] = {
             "hull": 1.4, "area": 0.2, "matrices": 0.9, "outline": 22.1,
         },
     ),
+    "bag import": (
+        {
+            "matrix_from_quat": 0.4, "foot_positions": 1.9, "clear": 2.8, "boxed": 2.1, "take_imu": 5.6, "_push": 0.6,
+            "_feet_in_imu": 1.5, "take_feet": 9.4, "known_feet": 0.2, "_at": 0.6, "leg_velocity": 5.3, "predict": 2.0,
+            "correct": 1.7, "report": 100.8, "_refined": 0.3, "_turned": 1.0, "_faulty": 0.7, "_followed": 1.7,
+            "summary": 0.4, "condition_now": 1.5, "restart": 2.7, "plane": 0.7, "matrices": 0.7, "outline": 22.9,
+            "explore": 3.0, "solve_lanes": 2.7, "carried": 0.5, "ray": 0.5, "wide": 0.4, "line_of": 0.6,
+            "flat_ends": 0.9, "enclose": 3.5, "_normalise": 0.5, "feet_in_world": 0.6, "_moved": 3.8,
+            "com_in_world": 0.6, "_leg_inverses": 2.4, "_leg_forces": 0.6, "_com": 1.7, "_footing": 2.4,
+        },
+    ),
+    "report": ({"matrix_from_quat": 0.4, "foot_positions": 1.7, "forward": 0.4, "inverse3": 0.6},),
+    "footholds gather": (
+        {"median3": 1.4, "even_edges": 0.4, "_planes": 0.9, "dilate": 0.5, "patch": 0.3, "coefficients": 1.1},
+    ),
+    "robot check": ({"foot_positions": 1.3, "com": 0.9},),
+    "robot show": ({"forward": 1.2, "foot_positions": 0.5, "com": 0.9, "matrix_from_quat": 0.3},),
     "evaluate": ({"_sweep": 1.3, "inverse3": 0.6, "squares": 0.1, "_run": 14.2},),
     "fit": (
         {
@@ -32,12 +49,18 @@ COSTS: Mapping[str, tuple[Mapping[str, float], ...]] = {
     ),
     "train": ({"_sweep": 1.6, "inverse3": 0.6}, {"squares": 0.1, "learn": 14.5, "_run": 2.4}),
 }  # fmt: skip
-"""Processor time to compile each kernel on a slow core, s, by command; kernels in order of compilation. `estimate` has
-an order for an empty cache and one for a cache with the services' kernels; `train` one for planner, one for sarsa."""
+"""Processor time to compile each kernel on a slow core, s, by command (of a group: both words); kernels in order of
+compilation. `estimate` has an order for an empty cache and one for a cache with the services' kernels; `train` one for
+planner, one for sarsa."""
 PACED_S = 4.0
 """Usual processor time of the finished kernels, s, from which on their measured time scales estimates of the rest."""
 MOST = 0.95
 """Largest share of a kernel's usual compilation time that counts as done before the kernel is compiled."""
+
+
+def costs_of(words: Sequence[str]) -> tuple[Mapping[str, float], ...]:
+    """Return the kernels of the command of a command line, by order of compilation; empty if they are not known."""
+    return COSTS.get(" ".join(words[:2])) or COSTS.get(next(iter(words), ""), ())
 
 
 class CompiledShare:

@@ -13,7 +13,7 @@ import typer
 
 from surefoot.errors import EXIT_USAGE
 
-from .compiling import COSTS, compilation_reported
+from .compiling import compilation_reported, costs_of
 from .index import INDEX
 from .needed import COMPLETING, needed, nothing, typed
 from .output import EXIT_CHECK, EXIT_INTERRUPT, fail, misused, notify, state
@@ -106,7 +106,7 @@ def main(arguments: list[str] | None = None) -> None:
             signal.signal(number, signal.default_int_handler)
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        with compilation_reported(notify, COSTS.get(next(iter(words), ""), ())):
+        with compilation_reported(notify, costs_of(words)):
             code = app_for(words)(args=words, prog_name="surefoot", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)
     except KeyboardInterrupt:

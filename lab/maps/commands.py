@@ -10,6 +10,7 @@ from ..cli.progress import Progress
 
 if TYPE_CHECKING:
     from .build import BuiltMap
+    from .summary import Summary
 
 app = typer.Typer(name="map", help="Maps: landmarks from a recording, occupancy of map_server.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="Landmark map (.npz), or the YAML of a map_server map.")]
@@ -47,6 +48,7 @@ def build(
         from .equations import BuildOptions
         from .sightings import read_sightings
 
+        progress.at(0.0)
         seen = read_sightings(recording, progress.part(0.0, 0.5))
         made = build_map(seen, BuildOptions(least=least), f"{recording.name}, {seen.source}")
         path = save(made.world, out)
@@ -84,12 +86,13 @@ def merge(
     json: Json = False,
 ) -> None:
     """Unite two maps of features of one frame; what both saw becomes one feature."""
-    from surefoot.services.vision.feature_map import load, merged, save
-
     use_json(json)
-    a, b = load(first), load(second)
-    world = merged(a, b)
-    path = save(world, out)
+    with Progress(out.name):
+        from surefoot.services.vision.feature_map import load, merged, save
+
+        a, b = load(first), load(second)
+        world = merged(a, b)
+        path = save(world, out)
     if json:
         write_json({"file": str(path), "features": len(world), "both": len(a) + len(b) - len(world)})
     else:
@@ -99,10 +102,8 @@ def merge(
 @app.command()
 def show(file: File, radius: Radius = 0.15, json: Json = False) -> None:
     """Show what is in a map file."""
-    from .summary import summary_of
-
     use_json(json)
-    found = summary_of(file, radius)
+    found = _summary(file, radius)
     if json:
         write_json({"file": str(file), **found.facts})
         return
@@ -112,16 +113,21 @@ def show(file: File, radius: Radius = 0.15, json: Json = False) -> None:
 @app.command()
 def check(file: File, radius: Radius = 0.15, json: Json = False) -> None:
     """Read a map file and report problems of its use. Exit code 1: there are some; 2: it is no map."""
-    from .summary import summary_of
-
     use_json(json)
-    found = summary_of(file, radius)
+    found = _summary(file, radius)
     if json:
         write_json({"file": str(file), "ok": not found.problems, "problems": found.problems})
     else:
         write(f"{file}: {'; '.join(found.problems) or 'ok'}")
     if found.problems:
         raise typer.Exit(EXIT_CHECK)
+
+
+def _summary(file: Path, radius: float) -> "Summary":
+    with Progress(f"summary of {file.name}"):
+        from .summary import summary_of
+
+        return summary_of(file, radius)
 
 
 def _facts(made: "BuiltMap") -> dict[str, Any]:

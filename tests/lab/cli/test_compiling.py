@@ -9,7 +9,7 @@ import pytest
 
 from surefoot.kernels.compiling import COMPILING
 from surefoot.lab.cli import compiling
-from surefoot.lab.cli.compiling import COSTS, CompiledShare, compilation_reported
+from surefoot.lab.cli.compiling import COSTS, CompiledShare, compilation_reported, costs_of
 
 
 @pytest.fixture
@@ -111,10 +111,39 @@ def test_kernels_with_a_cost_exist():
     from surefoot.kernels import jit
 
     for module in (
+        "services.estimator.service", "services.stability.service", "services.footholds.service",
         "services.estimator.filter.log", "lab.estimation.calibrate", "lab.estimation.stances",
         "lab.fit.estimate", "lab.train.sarsa", "lab.audit.walk",
     ):  # fmt: skip
         import_module(f"surefoot.{module}")
     known = {each.__qualname__ for each in jit._KERNELS}
-    assert {"audit", "estimate", "evaluate", "fit", "train"} <= set(COSTS)
+    assert {"audit", "bag import", "estimate", "evaluate", "fit", "report", "train"} <= set(COSTS)
     assert [name for chains in COSTS.values() for chain in chains for name in chain if name not in known] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "first"),
+    [
+        ("bag import walk.bag --robot go2", "matrix_from_quat"), ("footholds gather run.mcap", "median3"),
+        ("report run.mcap", "matrix_from_quat"), ("robot check ragno", "foot_positions"), ("bag info run.mcap", None),
+        ("robot", None), ("", None),
+    ],
+)  # fmt: skip
+def test_a_command_of_a_group_has_kernels_of_its_own(words, first):
+    """Before, only the first word counted: a cold `bag import` had no share or time left for minutes."""
+    assert next((next(iter(chain)) for chain in costs_of(words.split())), None) == first
+
+
+@pytest.mark.parametrize("cached", [("foot_positions", "clear"), ()])
+def test_an_import_whose_kernels_are_compiled_in_their_order_goes_from_none_to_all(cached):
+    now, shares = 0.0, list[float]()
+    (chain,) = costs_of(["bag", "import"])
+    share = CompiledShare([chain], lambda: now)
+    for name, cost in chain.items():
+        if name not in cached:
+            share.began(name)
+            shares.append(share.now())
+            now += cost
+    assert shares[0] == 0.0
+    assert shares == sorted(shares)
+    assert shares[-1] > 0.9

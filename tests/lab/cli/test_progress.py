@@ -9,6 +9,7 @@ from itertools import pairwise
 import pytest
 
 from surefoot.errors import SurefootError
+from surefoot.kernels.compiling import Compiling
 from surefoot.lab.cli import main as cli
 from surefoot.lab.cli import progress as module
 from surefoot.lab.cli.progress import EACH_S, FIRST_S, SECOND_S, Progress
@@ -42,6 +43,38 @@ def test_long_work_reports_within_its_first_second_and_then_now_and_then() -> No
         assert abs(0.01 * share * 60.0 - at) < 0.4
         assert abs(at + left - 60.0) < 0.6
     assert lines[-1][1].startswith("walk: 8")
+
+
+def test_time_before_the_work_begins_and_that_of_compilations_are_no_measure_of_the_time_left(monkeypatch):
+    """Before, ten seconds of imports and forty of a compilation counted as the work's: 3 and 4 s were left."""
+    lines, now = list[str](), [0.0]
+    monkeypatch.setattr(module, "COMPILING", compiling := Compiling())
+    monkeypatch.setattr("surefoot.kernels.compiling.monotonic", lambda: now[0])
+    progress = Progress("walk", report=lines.append, clock=lambda: now[0])
+    now[0] = 10.0
+    progress.at(0.0)
+    now[0] = 28.0
+    progress.at(0.9)
+    compiling.began("f")
+    now[0] = 68.0
+    compiling.ended("f")
+    now[0] = 69.0
+    progress.at(0.95)
+    assert lines == ["walk: at work for 10 s", "walk: 90 %, about 2 s left", "walk: 95 %, about 1 s left"]
+
+
+def test_a_compilation_that_has_lines_of_its_own_gets_no_others(monkeypatch):
+    lines, now = list[str](), [0.0]
+    monkeypatch.setattr(module, "COMPILING", compiling := Compiling())
+    with compiling.reporting(lambda name: None):
+        progress = Progress("walk", report=lines.append, clock=lambda: now[0])
+        compiling.began("f")
+        for now[0] in (1.0, 20.0, 40.0):
+            progress.at(0.0)
+        compiling.ended("f")
+        now[0] = 80.0
+        progress.at(0.0)
+    assert lines == ["walk: at work", "walk: at work for 80 s"]
 
 
 def test_work_without_a_share_states_how_long_it_has_taken_and_finished_work_nothing() -> None:
@@ -123,6 +156,16 @@ LONG = [
     ("chaos stand --ticks 20", "chaos in stand", "chaos.run.Director"),
     ("reproduce wawrzynski --no-figures", "wawrzynski", "surefoot.papers.wawrzynski.velocity.findings"),
 ]
+WITHOUT_SHARE = [
+    ("map show floor.npz", "summary of floor.npz", "maps.summary.summary_of"),
+    ("footholds judge ragno {bag}", "quality of ragno", "footholds.campaign.read"),
+    ("bag info --verify {bag}", "checksums of walk.mcap", "surefoot.record.recording.verify_recording"),
+    ("robot check ragno", "check of ragno", "surefoot.robot.kinematics.com"),
+    ("robot show ragno", "picture of ragno", "report.robot_drawing.draw_robot"),
+    ("robot export ragno", "MJCF file of ragno", "robots.export.write_mjcf"),
+    ("robot import {bag} -o here", "import of walk.mcap", "robots.folder.import_robot"),
+]
+"""Commands that take seconds where nothing is compiled or cached yet, with one step only."""
 COSTLY = ("report", "audit", "estimate", "evaluate", "chaos", "reproduce")
 """Commands that take seconds of processor time: they are only interrupted."""
 
@@ -139,6 +182,21 @@ def test_a_long_command_names_its_work_and_states_share_and_time_left(in_process
     assert re.search(rf"^{re.escape(what)}: \d+ %, about \d+ s left", err, re.MULTILINE)
 
 
+@pytest.mark.parametrize(("words", "what", "inner"), WITHOUT_SHARE)
+def test_a_command_of_one_step_names_its_work(monkeypatch, in_process, talkative, recorded, words, what, inner):
+    """Before, these commands were silent, for ten seconds and more where kernels are compiled on a busy machine."""
+    stated, inner = threading.Event(), inner if inner.startswith("surefoot") else f"surefoot.lab.{inner}"
+    monkeypatch.setattr(Progress, "_write_due", lambda self: (name(self), stated.set()))
+    name = lambda self: self._report(f"{self._what}: at work")  # noqa: E731
+
+    def wait(*_, **__):
+        assert stated.wait(20.0)
+        raise SurefootError("enough", "the work is named")
+
+    monkeypatch.setattr(inner, wait)
+    assert in_process(*words.format(bag=recorded).split())[2].startswith(f"{what}: at work\n")
+
+
 @pytest.fixture
 def default_signals():
     """SIGTERM and SIGINT are handled as in a new program: a test runner in the background of a shell ignores SIGINT."""
@@ -151,7 +209,7 @@ def default_signals():
 
 @pytest.mark.parametrize(
     ("words", "inner", "number"),
-    [(words, inner, signal.SIGINT) for words, _, inner in LONG if inner]
+    [(words, inner, signal.SIGINT) for words, _, inner in LONG + WITHOUT_SHARE if inner]
     + [(words, inner, signal.SIGTERM) for words, _, inner in LONG if words.startswith(("why", "estimate"))],
 )
 def test_ctrl_c_or_sigterm_in_a_long_command_ends_with_one_sentence_and_no_half_file(
