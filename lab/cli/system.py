@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 
 OPEN = "without certificates, loopback is trust in every local user: see `surefoot up --secure`"
 System = Annotated[
-    str, typer.Argument(help="Name of a compose file (see `surefoot list`) or its path.", autocompletion=systems)
+    str,
+    typer.Argument(help="Name of a compose file (see `surefoot list`), its path or folder.", autocompletion=systems),
 ]
 
 

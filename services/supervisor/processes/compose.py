@@ -26,6 +26,8 @@ from .extends import Extends, extended
 Condition = Literal["service_started", "service_healthy"]
 Restart = Literal["no", "always", "on-failure", "unless-stopped"]
 
+IN_FOLDER = ("system.yaml", "compose.yaml")
+"""Names of a compose file in a folder that is named instead of the file, in the order in which they are looked for."""
 _DURATION = re.compile(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?:\.\d+)?)s)?(?:(\d+(?:\.\d+)?)ms)?")
 _RESTART = re.compile(r"(no|always|on-failure|unless-stopped)|on-failure:(1000|[1-9][0-9]{0,2})")
 
@@ -213,13 +215,27 @@ class Compose:
 
 
 def load_compose(name: str | Path) -> Compose:
-    """Read and validate a compose file given by name or path.
+    """Read and validate a compose file given by name or path, or as the folder in which one of `IN_FOLDER` lies.
 
     Raises:
         ComposeError: with code, field and a sentence; also for a file that is missing, too large or not YAML.
     """
-    path = find("compose", str(name), ".yaml", ComposeError)
+    folder = Path(name)
+    if len(folder.parts) != 1 or os.sep in str(name) or folder.name == "..":  # a path, not the name of a system
+        path = _in_folder(folder) if folder.is_dir() else folder
+    else:
+        path = find("compose", str(name), ".yaml", ComposeError)
     return parse_compose(read_text(path, ComposeError), path)
+
+
+def _in_folder(folder: Path) -> Path:
+    """Return the compose file in a folder, by the names of `IN_FOLDER` (raises ComposeError: there is none)."""
+    found = next((folder / name for name in IN_FOLDER if (folder / name).is_file()), None)
+    if found is None:
+        others = ", ".join(sorted(path.name for path in folder.glob("*.yaml"))[:5])
+        hint = f"; name the file: {others}" if others else ""
+        raise ComposeError("not_found", "file", f"is a folder without {' or '.join(IN_FOLDER)}{hint}", str(folder))
+    return found
 
 
 def parse_compose(text: str, path: Path = Path("compose.yaml")) -> Compose:

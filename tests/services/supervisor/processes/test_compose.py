@@ -7,6 +7,8 @@ import pytest
 from surefoot.services.supervisor.processes.compose import ComposeError, HealthCheck, load_compose, parse_compose
 from tests.services.refusals import refused
 
+ROOT = Path(__file__).parents[4]
+
 
 def error_of(text: str) -> ComposeError:
     with pytest.raises(ComposeError) as caught:
@@ -190,3 +192,24 @@ def test_refuses_files_that_cannot_be_read(tmp_path, content, code):
     with refused(ComposeError, code) as caught:
         load_compose(path)
     assert str(path) in str(caught.value)
+
+
+def test_a_folder_stands_for_the_compose_file_in_it(tmp_path, monkeypatch):
+    """Before, `surefoot up examples/robot` was refused as 'Is a directory', although `system.yaml` lies in it."""
+    robot = ROOT / "examples" / "robot"
+    assert load_compose(robot) == load_compose(f"{robot}/") == load_compose(robot / "system.yaml")
+    monkeypatch.chdir(robot)
+    assert load_compose(".").services == load_compose("system.yaml").services
+    (tmp_path / "compose.yaml").write_text("services: {walker: {command: surefoot-service walker}}")
+    assert set(load_compose(tmp_path).services) == {"walker"}
+
+
+def test_a_folder_without_a_compose_file_is_refused_with_what_it_holds(tmp_path):
+    with pytest.raises(ComposeError) as empty:
+        load_compose(tmp_path)
+    assert str(empty.value) == f"{tmp_path}: is a folder without system.yaml or compose.yaml"
+    (tmp_path / "two.yaml").touch()
+    (tmp_path / "one.yaml").touch()
+    with pytest.raises(ComposeError) as full:
+        load_compose(tmp_path)
+    assert str(full.value).endswith("; name the file: one.yaml, two.yaml")
