@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from surefoot.schemas.topics import STATE_STABILITY, TOPICS
@@ -11,6 +11,7 @@ from surefoot.schemas.topics import STATE_STABILITY, TOPICS
 if TYPE_CHECKING:
     from surefoot.bus.interface import Delivery
     from surefoot.client import Client
+    from surefoot.lockstep.graph import Edge
     from surefoot.schemas.stability import StabilityStatus
 
 KEPT = 4096
@@ -35,16 +36,28 @@ class TopicTraffic(NamedTuple):
     p50_ms: float
     """Median time from the arrival of a tick's first message on any topic to that of this topic's message, ms."""
     p99_ms: float
+    hop_p50_ms: float
+    """Median time from the arrival of the last input that the topic's publisher has of the same tick to that of this
+    topic's message, ms: both transports and the computation between; without such an input that since the tick's first
+    message. Messages carry no time of sending, so that they are equal in every run."""
+    hop_p99_ms: float
 
 
 class Traffic:
-    """Arrival times and sizes of recent messages, by topic; `note` may be called from any thread."""
+    """Arrival times and sizes of recent messages, by topic; `note` may be called from any thread.
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock, self._lock = clock, threading.Lock()
+    Args:
+        clock: returns the wall time, s.
+        inputs: keys of the topics that the publisher of a topic reads in the same tick, by key of the topic.
+    """
+
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, inputs: Mapping[str, Iterable[str]] | None = None
+    ) -> None:
+        self._clock, self._lock, self._inputs = clock, threading.Lock(), inputs or {}
         self._began = clock()
-        self._arrivals: dict[str, deque[tuple[float, int, float]]] = defaultdict(lambda: deque(maxlen=KEPT))
-        self._ticks: dict[tuple[int, int], float] = {}
+        self._arrivals: dict[str, deque[tuple[float, int, float, float]]] = defaultdict(lambda: deque(maxlen=KEPT))
+        self._ticks: dict[tuple[int, int], dict[str, float]] = {}  # arrival by key
         self.stability: StabilityStatus | None = None
 
     def note(self, delivery: "Delivery") -> None:
@@ -54,10 +67,14 @@ class Traffic:
         now, header, raw = self._clock(), delivery.header(), delivery.raw()
         place = header.epoch, header.tick
         with self._lock:
-            began = self._ticks.setdefault(place, now)
+            came = self._ticks.setdefault(place, {})
+            began = min(came.values(), default=now)
+            last = max((came[key] for key in self._inputs.get(delivery.key, ()) if key in came), default=began)
+            came[delivery.key] = now
             while len(self._ticks) > TICKS:
                 del self._ticks[next(iter(self._ticks))]
-            self._arrivals[delivery.key].append((now, len(raw.payload) + len(raw.attachment or b""), now - began))
+            size = len(raw.payload) + len(raw.attachment or b"")
+            self._arrivals[delivery.key].append((now, size, now - began, now - last))
             if delivery.key == STATE_STABILITY.key:
                 self.stability = delivery.message()  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -70,14 +87,26 @@ class Traffic:
         found: list[TopicTraffic] = []
         for key, kept in recent.items():
             if kept:
-                size, waits = sum(each[1] for each in kept), sorted(each[2] for each in kept)
-                p50, p99 = (_share(waits, share) for share in (0.5, 0.99))
-                found.append(TopicTraffic(key, len(kept) / span, size / span / 1e3, size / len(kept), p50, p99))
+                size, times = sum(each[1] for each in kept), [sorted(each[n] for each in kept) for n in (2, 3)]
+                shares = (_share(ordered, share) for ordered in times for share in (0.5, 0.99))
+                found.append(TopicTraffic(key, len(kept) / span, size / span / 1e3, size / len(kept), *shares))
         return sorted(found, key=lambda row: (-row.kb_per_s, row.key))
 
 
 def _share(ordered: Sequence[float], share: float) -> float:
     return round(1e3 * ordered[min(len(ordered) - 1, int(len(ordered) * share))], 3)
+
+
+def inputs_of(edges: "Iterable[Edge]") -> dict[str, set[str]]:
+    """Return the keys of the topics that the publisher of each topic reads in the same tick, by key of the topic.
+
+    `edges`: edges of the graph of services, as `surefoot graph` prints them.
+    """
+    read: dict[str, set[str]] = defaultdict(set)
+    for edge in edges:
+        if edge.kind == "topic" and not edge.delayed:
+            read[edge.target].add(edge.key)
+    return {topic.key: read[topic.owner] for topic in TOPICS if topic.owner in read}
 
 
 def watch(robot: "Client", traffic: Traffic) -> None:

@@ -241,12 +241,14 @@ def top(
 ) -> None:
     """Show rates, sizes and latencies of all topics, and the support polygon. Exit code 1: nothing came.
 
-    The latency of a topic is the time from the arrival of a tick's first message to that of the topic's own.
+    The latency of a topic is the time from the arrival of a tick's first message to that of the topic's own, that of
+    its hop the time since the last input of its publisher arrived.
     """
-    from .top import Traffic, polygon_lines, watch
+    from .graph import declared
+    from .top import Traffic, inputs_of, polygon_lines, watch
 
     use_json(json)
-    traffic = Traffic()
+    traffic = Traffic(inputs=inputs_of(declared()[1]))
     with client(connect, namespace) as robot:
         watch(robot, traffic)
         while True:
@@ -277,10 +279,13 @@ def _show_top(rows: "Sequence[TopicTraffic]", polygon: "Sequence[str]", robot: "
             f"{row.bytes:.0f}",
             f"{row.p50_ms:.2f}",
             f"{row.p99_ms:.2f}",
+            f"{row.hop_p50_ms:.2f}",
+            f"{row.hop_p99_ms:.2f}",
         )
         for row in rows
     ]
-    write_table(("topic", "Hz", "kB/s", "bytes", "p50 ms", "p99 ms"), cells, right=(1, 2, 3, 4, 5))
+    columns = ("topic", "Hz", "kB/s", "bytes", "p50 ms", "p99 ms", "hop p50", "hop p99")
+    write_table(columns, cells, right=tuple(range(1, len(columns))))
     for line in polygon:
         write(line)
 

@@ -3,10 +3,11 @@
 import pytest
 
 from surefoot.bus.memory import MemoryBus
-from surefoot.lab.cli.top import COLUMNS, LINES, Traffic, polygon_lines, watch
-from surefoot.schemas.hw import Imu, Tick
+from surefoot.lab.cli.graph import declared
+from surefoot.lab.cli.top import COLUMNS, LINES, Traffic, inputs_of, polygon_lines, watch
+from surefoot.schemas.hw import Imu, JointState, Tick
 from surefoot.schemas.stability import StabilityStatus
-from surefoot.schemas.topics import HW_IMU, HW_TICK, STATE_STABILITY, TICK_NS
+from surefoot.schemas.topics import HW_IMU, HW_JOINTS, HW_TICK, STATE_STABILITY, STATE_VELOCITY, TICK_NS
 
 SQUARE = ((0.1, -0.1), (0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1))
 
@@ -74,3 +75,30 @@ def test_the_newest_status_is_kept():
         publisher.put(status(margin_planned=0.01 * tick).stamped(tick * TICK_NS, tick, 1, tick, "stability"))
     assert traffic.stability is not None
     assert traffic.stability.margin_planned == 0.02
+
+
+def test_a_hop_is_the_time_since_the_last_input_of_the_publisher_and_else_since_the_ticks_first_message():
+    """Before, every latency was counted from the tick's first message, and no hop could be seen."""
+    now, robot = [0.0], Robot()
+    traffic = Traffic(lambda: now[0], {STATE_STABILITY.key: {HW_IMU.key, STATE_VELOCITY.key}})
+    watch(robot, traffic)
+    samples, margins = robot.bus.publisher(HW_IMU), robot.bus.publisher(STATE_STABILITY)
+    for tick in range(100):
+        start, stamp = 0.01 * tick, (tick * TICK_NS, tick, 1, tick)
+        now[0] = start
+        robot.bus.publisher(HW_JOINTS).put(JointState(position=(0.0,), velocity=(0.0,)).stamped(*stamp, "driver"))
+        now[0] = start + 1e-3
+        samples.put(Imu(acc=(0.0, 0.0, 9.81), gyro=(0.0, 0.0, 0.0)).stamped(*stamp, "driver"))
+        now[0] = start + (3e-3 if tick != 7 else 8e-3)
+        margins.put(status().stamped(*stamp, "stability"))
+    rows = {row.key: row for row in traffic.rows(1.0)}
+    assert (rows["state/stability"].p50_ms, rows["state/stability"].p99_ms) == (3.0, 8.0)
+    assert (rows["state/stability"].hop_p50_ms, rows["state/stability"].hop_p99_ms) == (2.0, 7.0)
+    assert (rows["hw/imu"].hop_p50_ms, rows["hw/joints"].hop_p99_ms) == (1.0, 0.0)
+
+
+def test_inputs_are_those_that_the_services_declare():
+    found = inputs_of(declared()[1])
+    assert found["state/velocity"] >= {"hw/imu", "hw/joints"}
+    assert found["state/stability"] >= {"state/velocity"}
+    assert "hw/imu" not in found, "a driver acts on commands of the tick before"
