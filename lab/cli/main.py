@@ -1,6 +1,7 @@
 """Command line `surefoot`: one module for each command, of which only that of the typed one is imported."""
 
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -28,10 +29,16 @@ def program() -> typer.Typer:
         no_args_is_help=True,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
+        context_settings={"help_option_names": ["-h", "--help"], **_narrow()},
     )
     empty.callback()(common)
     return empty
+
+
+def _narrow() -> dict[str, int]:
+    """Return click's setting for help texts on a terminal below 52 columns, which it would fill as if it had 52."""
+    columns = shutil.get_terminal_size().columns
+    return {"terminal_width": columns - 2} if 20 < columns < 52 else {}
 
 
 def whole() -> typer.Typer:

@@ -1,11 +1,13 @@
 """The pages in a real browser, headless: no page asks for anything from outside, and their numbers are the bus's."""
 
 import json
+from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
+from surefoot.bus.interface import Delivery
 from surefoot.lab.report.recorded import report_recording
 from surefoot.lab.scene.film import UNITS_PER_M
 from surefoot.lab.scene.scene import FORCE_LENGTH
@@ -13,7 +15,10 @@ from surefoot.lab.scene.shapes import body_of
 from surefoot.lab.scene.styles import STYLES, VALUES
 from surefoot.record.recording import open_readable
 from surefoot.robot.reader import load_robot
+from surefoot.schemas.system import Health, LogRecord
+from surefoot.schemas.topics import HEALTH, LOG
 from tests.browser import CHROMIUM, MISSING, Browser
+from tests.lab.view.conftest import DONE
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 READY = "document.body?.dataset.ready == '1'"
@@ -70,6 +75,40 @@ def test_a_click_on_a_worst_moment_or_a_plot_moves_the_replay(recorded, tmp_path
     end = open_readable(recorded).end_ns * 1e-9
     assert browser.run(clock) not in [f"{at:.2f} s" for at in times]
     assert float(browser.run(slider)) == pytest.approx(end / 2, abs=0.1 * end)
+    assert not browser.faults
+
+
+def test_a_drag_over_one_plot_zooms_all_and_a_double_click_shows_all_again(recorded, tmp_path, browser):
+    path, _ = report_recording(recorded, None, tmp_path / "report.html")
+    browser.go(path.as_uri())
+    browser.wait(READY)
+    axes = "JSON.stringify(report.charts.all.filter(c => c.box).map(c => [c.box.t0, c.box.t1]))"
+    whole = json.loads(browser.run(axes))
+    assert len(whole) > 8
+    assert len({tuple(each) for each in whole}) == 1
+    browser.run("document.querySelector('figure canvas').scrollIntoView({block: 'center'})")
+    place = "const r = document.querySelector('figure canvas').getBoundingClientRect(); JSON.stringify([r.left, r.top])"
+    left, top = json.loads(browser.run(f"(() => {{ {place.replace('JSON', 'return JSON')} }})()"))
+    ((begin, end),) = {tuple(each) for each in whole}
+    box = json.loads(browser.run("JSON.stringify(report.charts.all[0].box)"))
+    xs = [box["left"] + share * (box["right"] - box["left"]) for share in (0.25, 0.75)]
+
+    def mouse(kind, x, clicks=1):
+        browser.call("Input.dispatchMouseEvent", type=f"mouse{kind}", x=left + x, y=top + 40.0, button="left",
+                     buttons=int(kind != "Released"), clickCount=clicks)  # fmt: skip
+
+    mouse("Pressed", xs[0])
+    mouse("Moved", (xs[0] + xs[1]) / 2)
+    mouse("Moved", xs[1])
+    mouse("Released", xs[1])
+    zoomed = {tuple(each) for each in json.loads(browser.run(axes))}
+    ((first, last),) = zoomed
+    assert first == pytest.approx(begin + 0.25 * (end - begin), abs=0.02 * (end - begin))
+    assert last == pytest.approx(begin + 0.75 * (end - begin), abs=0.02 * (end - begin))
+    for clicks in (1, 2):
+        mouse("Pressed", xs[0], clicks)
+        mouse("Released", xs[0], clicks)
+    assert json.loads(browser.run(axes)) == whole
     assert not browser.faults
 
 
@@ -138,6 +177,62 @@ def test_buttons_of_the_page_ask_the_driver(server, client, stops, recorded, bro
     browser.run("document.querySelector('.stop').click()")
     browser.wait("document.getElementById('answer').textContent == 'stop: done, held'")
     assert stops
+
+
+def test_every_button_of_a_simulator_asks_it_what_it_reads(server, client, recorded, browser):
+    client.answers |= dict.fromkeys(("sim/pause", "sim/step", "sim/speed", "sim/push", "sim/fault", "sim/reset"), DONE)
+    client.answers["sim/features"] = SimpleNamespace(
+        queries=[key for key in client.answers if key != "sim/features"], faults=["imu_drop", "slip"]
+    )
+    browser.go(server.url)
+    browser.wait("window.live")
+    shown = "[...document.querySelectorAll('[data-needs]')].filter(e => !e.hidden).map(e => e.dataset.needs).join()"
+    assert browser.run(shown) == "pause,speed,push,fault,reset"
+    button, change = "document.querySelector('{}').click()", "{}.value = '{}'; {}.onchange({{target: {}}})"
+    speed, kind = change.format(*("speed", "0.25", "speed", "speed")), "kind.value = 'slip'; kind.onchange()"
+    for script, key, fields in (
+        (button.format("[data-do=pause]"), "sim/pause", {}),
+        (button.format("[title^=\"10 ms\"]"), "sim/step", {"ticks": 1}),
+        (button.format("[title^=\"0.2 s\"]"), "sim/step", {"ticks": 20}),
+        (button.format("[data-do=resume]"), "sim/step", {"ticks": None}),
+        (speed, "sim/speed", {"rtf": 0.25}),
+        (f"{kind}; target.value = 'lf'; document.getElementById('break').click()", "sim/fault",
+         {"kind": "slip", "target": "lf", "duration": 2}),
+        (button.format("[data-do=reset]"), "sim/reset", {"keep": True}),
+    ):  # fmt: skip
+        browser.run(f"{{const [speed, kind, target] = ['speed', 'kind', 'target'].map(n => document.getElementById(n));"
+                    f"document.getElementById('answer').textContent = ''; {script}}}")  # fmt: skip
+        browser.wait("document.getElementById('answer').textContent.endsWith('done')")
+        asked, given = client.calls[-1]
+        assert (asked, {name: given.get(name) for name in fields}) == (key, fields)
+    assert not browser.faults
+
+
+def test_a_refused_action_is_shown_with_its_reason(server, client, browser):
+    client.answers["sim/pause"] = SimpleNamespace(accepted=False, reason="a step is under way")
+    browser.go(server.url)
+    browser.wait("window.live")
+    browser.run("document.querySelector('[data-do=pause]').click()")
+    browser.wait("document.getElementById('answer').textContent == 'pause: refused, a step is under way'")
+
+
+def test_names_and_lines_of_the_system_are_text_and_never_markup(server, client, recorded, browser):
+    bad = "<img src=x onerror=window.hit=1>"
+    client.answers["sim/features"] = SimpleNamespace(queries=["sim/fault"], faults=[bad])
+    browser.go(server.url)
+    browser.wait("window.live")
+    service = Health(service=bad, instance="", state="running", pid=1, trouble=bad, dropped={bad: 3})
+    line = LogRecord(level="warning", text=bad)
+    for topic, message in ((HEALTH, service), (LOG, line)):
+        client.sinks[topic.key](Delivery(topic, message.stamped(0, 0, 1, 0, bad), None))
+    client.hand_over(recorded)
+    browser.wait(f"document.getElementById('log').textContent.includes({json.dumps(bad)})")
+    browser.wait(f"document.getElementById('services').textContent.includes({json.dumps(bad)})")
+    options = json.loads(browser.run("JSON.stringify([...document.querySelectorAll('#kind option')].map(o => o.text))"))
+    assert bad in options
+    assert browser.run("document.querySelectorAll('img').length") == 0
+    assert browser.run("window.hit") is None
+    assert not browser.faults
 
 
 def test_a_page_of_an_ended_view_reports_it(server, browser):
