@@ -2,6 +2,7 @@
 
 import json
 import re
+import socket
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -93,6 +94,28 @@ def test_down_means_the_system_that_listens_where_this_shell_says(in_process, tw
     monkeypatch.setenv("SUREFOOT_LISTEN", "tcp/127.0.0.1:12")
     assert in_process("down")[:2] == (0, "stopped nao\n")
     assert two_systems["ragno"].held()
+
+
+def test_the_status_of_a_system_that_does_not_run_names_those_that_do(in_process, two_systems, no_endpoint):
+    code, out, _ = in_process("status", "bioloid")
+    sentence, _, names = out.strip().partition("; running: ")
+    assert (code, sentence, sorted(names.split(", "))) == (cli.EXIT_CHECK, "bioloid does not run", ["nao", "ragno"])
+    assert json.loads(in_process("status", "bioloid", "--json")[1]) == {}
+
+
+@pytest.mark.parametrize("words", [("up", "ragno"), ("run", "stand")], ids=["up", "run"])
+def test_a_second_system_of_one_name_is_refused_by_its_name_and_on_the_same_router_by_its_port(
+    complaint, two_systems, no_endpoint, monkeypatch, tmp_path, words
+):
+    assert "system 'ragno' is already run" in complaint(*words, code=cli.EXIT_CHECK)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another user"))
+    with socket.socket() as router:
+        router.bind(("127.0.0.1", 0))
+        router.listen()
+        monkeypatch.setenv("SUREFOOT_LISTEN", f"tcp/127.0.0.1:{(port := router.getsockname()[1])}")
+        refused = complaint(*words, code=cli.EXIT_CHECK)
+    assert str(port) in refused
+    assert refused.count("\n") == 1
 
 
 def test_stop_without_a_name_means_every_system_and_reports_each(complaint, in_process, two_systems, no_endpoint):
