@@ -14,6 +14,7 @@ from surefoot.schemas.topics import LOG
 
 from ..scene.foxglove import FoxgloveScene
 from ..scene.primitives import sdk
+from .door import Door, hidden_address
 from .newest import FRAME_S, NewestScene
 from .server import HOST
 
@@ -31,7 +32,7 @@ class FoxgloveBridge:
     """
 
     def __init__(self, client: Client, robot: Robot, port: int = PORT) -> None:
-        """Start the Foxglove server on 127.0.0.1 and publish the robot's scene there.
+        """Start the Foxglove server behind a `Door` on 127.0.0.1 and publish the robot's scene there.
 
         Raises:
             SurefootError: the library is missing.
@@ -43,27 +44,30 @@ class FoxgloveBridge:
         self._to = FoxgloveScene(self._newest.scene, self._context)
         self._lines: deque[Delivery] = deque(maxlen=LINES)
         name = client.bus.endpoint.namespace
+        self._server = library.start_server(
+            name=name, host=(place := hidden_address()), port=0, context=self._context,
+            server_listener=_Newcomers(self._again),
+        )  # fmt: skip
         try:
-            self._server = library.start_server(
-                name=name, host=HOST, port=port, context=self._context, server_listener=_Newcomers(self._again)
-            )
-        except (OSError, RuntimeError) as error:
-            what = f"port {port} of {HOST} cannot be used ({error}); choose another with --port, 0 = any"
-            raise BusError("busy", what) from None
-        self.port = int(self._server.port)
+            self._door = Door(port, (place, int(self._server.port)))
+        except BusError:
+            self._server.stop()
+            raise
+        self.port = self._door.port
         client.bus.subscribe(LOG, self._lines.append)
         self._thread = threading.Thread(target=self._run, name="bridge", daemon=True)
         self._thread.start()
 
     @property
     def url(self) -> str:
-        """Address of the WebSocket to which Foxglove connects."""
-        return f"ws://{HOST}:{self.port}"
+        """Address of the WebSocket to which Foxglove connects, with the token."""
+        return f"ws://{HOST}:{self.port}/?token={self._door.token}"
 
     def close(self) -> None:
         """Stop publishing, and disconnect the clients."""
         self._closed.set()
         self._thread.join(timeout=2.0)
+        self._door.close()
         self._server.stop()
 
     def _run(self) -> None:

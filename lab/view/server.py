@@ -77,8 +77,7 @@ class ViewServer:
         except OSError as error:
             if error.errno == EADDRINUSE and others:
                 return self._listen(*others)
-            taken = f"port {port} of {HOST} is taken; choose another with --port, 0 = any"
-            raise BusError("busy", taken if error.errno == EADDRINUSE else f"port {port}: {error.strerror}") from None
+            raise unusable(port, error) from None
 
     @property
     def url(self) -> str:
@@ -91,6 +90,23 @@ class ViewServer:
             self.live.close()
         self._http.shutdown()
         self._http.server_close()
+
+
+def unusable(port: int, error: OSError) -> BusError:
+    """Return the error that states why a TCP port of this machine cannot be listened on."""
+    taken = f"port {port} of {HOST} is taken; choose another with --port, 0 = any"
+    return BusError("busy", taken if error.errno == EADDRINUSE else f"port {port}: {error.strerror}")
+
+
+def hosts(port: int) -> set[str]:
+    """Return the values of `Host` of requests that name this machine; others come by DNS rebinding."""
+    return {f"{name}:{port}" for name in (HOST, "localhost")}
+
+
+def carries(path: str, token: str) -> bool:
+    """Return True if the path of a request carries this token, else False."""
+    given = parse_qs(urlsplit(path).query).get("token", [""])[0]
+    return secrets.compare_digest(given.encode(), token.encode())
 
 
 class _Http(ThreadingHTTPServer):
@@ -153,11 +169,10 @@ class _Handler(BaseHTTPRequestHandler):
     def _allowed(self) -> bool:
         """Return True if a request names this host, has no foreign origin and has the token; else refuse it."""
         view = self.server.view
-        names = {f"{name}:{view.port}" for name in (HOST, "localhost")}
-        origin, token = self.headers.get("Origin"), parse_qs(urlsplit(self.path).query).get("token", [""])[0]
+        names, origin = hosts(view.port), self.headers.get("Origin")
         if self.headers.get("Host") not in names or (origin and origin.removeprefix("http://") not in names):
             self._refuse(HTTPStatus.FORBIDDEN, "this view answers to 127.0.0.1 only")
-        elif not secrets.compare_digest(token.encode(), view.token.encode()):
+        elif not carries(self.path, view.token):
             self._refuse(HTTPStatus.FORBIDDEN, "the token is missing or wrong; open the address that was printed")
         else:
             return True

@@ -2,8 +2,10 @@
 
 import base64
 import json
+import socket
 import struct
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -17,6 +19,7 @@ from tests.lab.view.quiet import QuietClient
 
 pytest.importorskip("foxglove", reason="the extra `foxglove` is not installed")
 
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from surefoot.lab.view.bridge import FoxgloveBridge
@@ -105,6 +108,42 @@ def test_a_client_that_comes_late_reads_every_channel(bridge, client, recorded):
 
 def _line(text):
     return LogRecord(level="warning", text=text, stamp_ns=5, tick=0, epoch=1, seq=0, source="walker")
+
+
+@pytest.mark.parametrize("path", ["", "/", "/?token=", "/?token=wrong", "/?tok={token}"])
+def test_a_client_without_the_token_is_refused(bridge, path):
+    """Before, any page in a browser on this machine could read the bridge."""
+    with pytest.raises(InvalidStatus) as refused:
+        connect(f"ws://127.0.0.1:{bridge.port}{path.format(token=bridge._door.token)}", subprotocols=[PROTOCOL])
+    assert refused.value.response.status_code == 403
+    assert bridge._door.token not in refused.value.response.body.decode()
+
+
+def test_a_page_of_a_foreign_host_is_refused_and_one_of_a_foreign_origin_with_the_token_is_not(bridge):
+    token = bridge.url.partition("?")[2]
+    with socket.create_connection(("127.0.0.1", bridge.port)) as plain:
+        plain.sendall(f"GET /?{token} HTTP/1.1\r\nHost: evil.example:{bridge.port}\r\n\r\n".encode())
+        assert b" 403 " in plain.makefile("rb").readline()
+    with connect(bridge.url, subprotocols=[PROTOCOL], origin="https://app.foxglove.dev", max_size=None) as viewer:
+        assert json.loads(viewer.recv(timeout=WAIT_S))["op"] == "serverInfo"
+
+
+def test_the_server_behind_the_door_is_not_where_a_page_would_look(bridge, monkeypatch):
+    place, port = bridge._door._http.behind
+    assert place.startswith("127.")
+    assert place != "127.0.0.1"
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", port)).close()
+
+
+def test_a_bridge_that_ends_ends_its_clients(client):
+    running = FoxgloveBridge(client, load_robot("ragno"), 0)
+    with connect(running.url, subprotocols=[PROTOCOL], max_size=None) as viewer:
+        viewer.recv(timeout=WAIT_S)
+        running.close()
+        with suppress(ConnectionClosed):
+            while True:
+                viewer.recv(timeout=WAIT_S)  # a TimeoutError where the connection stands
 
 
 def test_a_taken_port_is_named(bridge, client):
