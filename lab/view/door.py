@@ -39,7 +39,7 @@ class Door:
         """
         self.token = secrets.token_urlsafe(16)
         try:
-            self._http = _Http((HOST, port), self.token, behind)
+            self._http = _DoorServer((HOST, port), self.token, behind)
         except OSError as error:
             raise unusable(port, error) from None
         self.port = int(self._http.server_address[1])
@@ -51,20 +51,20 @@ class Door:
         self._http.server_close()
 
 
-class _Http(ThreadingHTTPServer):
+class _DoorServer(ThreadingHTTPServer):
     daemon_threads = True
     allow_reuse_address = True
 
     def __init__(self, address: tuple[str, int], token: str, behind: tuple[str, int]) -> None:
         self.token, self.behind = token, behind
-        super().__init__(address, _Guard)
+        super().__init__(address, _Doorkeeper)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore the errors of connections that a client has closed."""
 
 
-class _Guard(BaseHTTPRequestHandler):
-    server: _Http  # pyright: ignore[reportIncompatibleVariableOverride] - it has no other
+class _Doorkeeper(BaseHTTPRequestHandler):
+    server: _DoorServer  # pyright: ignore[reportIncompatibleVariableOverride] - it has no other
     protocol_version = "HTTP/1.1"
     timeout = SEND_S
 

@@ -100,7 +100,7 @@ def refusals(status: dict[str, Any]) -> dict[str, int]:
     """Return what the services refused, by reason, from a status; requests to join are asked again until links hold."""
     found = Counter[str]()
     for row in status["my-robot"]["services"]:
-        found.update({reason: n for reason, n in row["refused"].items() if not reason.startswith("join_")})
+        found.update({reason: n for reason, n in row.get("refused", {}).items() if not reason.startswith("join_")})
     return dict(found)
 
 
