@@ -69,6 +69,8 @@ def import_file(
     needed: give the path of the file that they keep.
     """
     use_json(json)
+    if out is not None:
+        refuse_unreachable(out, makes_folders=True)
     with Progress(f"import of {Path(source).name}") as progress:
         from ..robots.compare import differences
         from ..robots.folder import import_robot
@@ -76,7 +78,6 @@ def import_file(
 
         file = source_file(source)
         out = out or Path(file.stem)
-        refuse_unreachable(out, makes_folders=True)
         made = import_robot(file, out, imu)
         progress.kept = f"{out} is written, but not compared with its source: surefoot robot check"
         worst = differences(out)
@@ -99,12 +100,15 @@ def export(
     json: Json = False,
 ) -> None:
     """Write a robot as an MJCF file, for other programs."""
-    use_json(json)
-    with Progress(f"MJCF file of {name}"):
+
+    def write_file(robot: "Robot", path: Path) -> tuple[str, ...]:
         from ..robots.export import write_mjcf
 
-        answer, line, _ = _written(name, out, ".xml", force, write_mjcf)
-    write_answer(answer, line)
+        write_mjcf(robot, path)
+        return ()
+
+    use_json(json)
+    _write(name, out, ".xml", force, write_file)
 
 
 @app.command()
@@ -115,14 +119,14 @@ def show(
     json: Json = False,
 ) -> None:
     """Draw a robot at its neutral posture: links, meshes, feet, frames and centre of mass."""
-    use_json(json)
-    with Progress(f"picture of {name}"):
+
+    def draw(robot: "Robot", path: Path) -> tuple[str, ...]:
         from ..report.robot_drawing import draw_robot
 
-        answer, line, notes = _written(name, out, ".png", force, draw_robot)
-    write_answer(answer, line)
-    for note in notes:
-        notify(f"note  {note}")
+        return draw_robot(robot, path)
+
+    use_json(json)
+    _write(name, out, ".png", force, draw)
 
 
 @app.command()
@@ -158,18 +162,21 @@ def check(
             write(f"next: surefoot {'run stand --robot' if robot.gait else 'robot show'} {quote(name)}")
 
 
-def _written(
-    name: str, out: Path | None, suffix: str, force: bool, make: Callable[["Robot", Path], tuple[str, ...] | None]
-) -> tuple[dict[str, str], str, tuple[str, ...]]:
-    """Write a file of a robot; return the answer of the command, as JSON and as a line, and notes on the file."""
+def _write(
+    name: str, out: Path | None, suffix: str, force: bool, make: Callable[["Robot", Path], tuple[str, ...]]
+) -> None:
+    """Write a file of a robot; report where it is, and what `make` returns as notes."""
     from surefoot.robot.reader import load_robot
 
     robot = load_robot(name)
     out = out or Path(f"{robot.name}{suffix}")
     refuse_existing(out, force=force)
     refuse_unreachable(out, makes_folders=False)
-    notes = make(robot, out) or ()
-    return {"out": near(out)}, f"wrote {near(out)}", notes
+    with Progress(out.name):
+        notes = make(robot, out)
+    write_answer({"out": near(out)}, f"wrote {near(out)}")
+    for note in notes:
+        notify(f"note  {note}")
 
 
 def _grouped(texts: list[str]) -> list[str]:

@@ -269,7 +269,7 @@ def judge(
 ) -> None:
     """Report how well a slip model predicts stances: rank correlation, AUC of slips over twice flat, 80 % intervals."""
     use_json(json)
-    with Progress(f"quality of {model}", reads=samples):
+    with Progress(f"quality of {model}"):
         from surefoot.errors import SurefootError
         from surefoot.services.footholds.learning.quality import prediction_quality
 

@@ -161,8 +161,8 @@ WITHOUT_SHARE = [
     ("footholds judge ragno {bag}", "quality of ragno", "footholds.campaign.read"),
     ("bag info --verify {bag}", "checksums of walk.mcap", "surefoot.record.recording.verify_recording"),
     ("robot check ragno", "check of ragno", "surefoot.robot.kinematics.com"),
-    ("robot show ragno", "picture of ragno", "report.robot_drawing.draw_robot"),
-    ("robot export ragno", "MJCF file of ragno", "robots.export.write_mjcf"),
+    ("robot show ragno", "ragno.png", "report.robot_drawing.draw_robot"),
+    ("robot export ragno", "ragno.xml", "robots.export.write_mjcf"),
     ("robot import {bag} -o here", "import of walk.mcap", "robots.folder.import_robot"),
 ]
 """Commands that take seconds where nothing is compiled or cached yet, with one step only."""
