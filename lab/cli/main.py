@@ -29,7 +29,7 @@ def program() -> typer.Typer:
         no_args_is_help=True,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["-h", "--help"], **_narrow()},
+        context_settings={"help_option_names": ["-h", "--help"]},
     )
     empty.callback()(common)
     return empty
@@ -114,7 +114,7 @@ def main(arguments: list[str] | None = None) -> None:
     words = sys.argv[1:] if arguments is None else arguments
     try:
         with compilation_reported(notify, costs_of(words)):
-            code = app_for(words)(args=words, prog_name="surefoot", standalone_mode=False)
+            code = app_for(words)(args=words, prog_name="surefoot", standalone_mode=False, **_narrow())
         sys.exit(code if isinstance(code, int) else 0)
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPT)
