@@ -111,6 +111,8 @@ class RunVerdict:
         comparable: True if runs can be compared by the hash, False after a time-out, a restart or a degraded tick.
         watched: True if all problems of the run are known, False for a recording, which does not hold all of them.
         partly: True if only a part of a recording can be read, False if all of it was.
+        why: sentence on the first cause of what went wrong, which the head of the report shows; it is one of the notes.
+            Empty = nothing went wrong, or the run was not recorded.
     """
 
     rows: tuple[Row, ...]
@@ -120,6 +122,7 @@ class RunVerdict:
     notes: tuple[str, ...] = field(default=())
     watched: bool = True
     partly: bool = False
+    why: str = ""
 
     @property
     def ok(self) -> bool:

@@ -103,9 +103,10 @@ def _head(about: About, verdict: RunVerdict) -> str:
         if row.name in ("distance_m", "max_tilt_deg", "mean_slip_mm", "min_margin_m", "real_time_factor")
         and row.value is not None
     )
+    why = f'<p class="why"><b>Why</b> {_esc(verdict.why)}</p>' if verdict.why else ""
     return (
         f'<header><span class="chip {css}">{verdict.word}</span><h1>{_esc(about.scenario)}</h1>'
-        f"<p>{_esc(about.description)} &middot; seed {about.seed}</p></header>"
+        f"<p>{_esc(about.description)} &middot; seed {about.seed}</p>{why}</header>"
         f'<div class="tiles">{tiles}</div>'
     )
 
@@ -125,7 +126,7 @@ def _verdict_table(verdict: RunVerdict) -> str:
 
 def _what_happened(traces: Traces, worst: Sequence[Moment], verdict: RunVerdict) -> str:
     problems = "".join(f'<li class="bad">{_esc(problem)}</li>' for problem in verdict.problems)
-    notes = "".join(f"<li>{_esc(note)}</li>" for note in verdict.notes)
+    notes = "".join(f"<li>{_esc(note)}</li>" for note in verdict.notes if note != verdict.why)
     happened = [(event.time, "", event.text) for event in traces.events]
     happened += [(moment.time, "worst", moment.text) for moment in worst]
     listed = "".join(

@@ -47,7 +47,7 @@ def report_recording(
         raise SurefootError("invalid", f"{file} has none of {', '.join(KEYS)} that can be read", "recording")
     why, partly = explained(file, whole=not recording.damage)
     partly |= traces.refused
-    notes = (*recording.notes, *why)
+    notes = (*recording.notes, *filter(None, (why,)))
     progress(EXPLAINED)
     if SCENARIO in recording.metadata:
         own = recorded_scenario(recording.metadata, file)
@@ -56,7 +56,7 @@ def report_recording(
     limits = {} if scenario is None else scenario.limits
     hashed = summary.get("run_hash", "")
     verdict = judge(traces, limits, message_hash=hashed, notes=notes, watched=False)
-    verdict = verdict.of_a_part() if partly or recording.damage else verdict
+    verdict = replace(verdict.of_a_part() if partly or recording.damage else verdict, why=why)
     about = About(
         scenario=file.stem if scenario is None else scenario.name,
         description=str(file) if scenario is None else scenario.description,
@@ -80,11 +80,11 @@ def filmed(recording: ReadableRecording, about: About) -> tuple[About, Film | No
     return replace(about, feet=robot.leg_names, no_film="; ".join(film.notes)), film
 
 
-def explained(file: Path, *, whole: bool = False) -> tuple[tuple[str, ...], bool]:
+def explained(file: Path, *, whole: bool = False) -> tuple[str, bool]:
     """Explain a recorded run: why it went wrong, which messages cannot be read, where its clock jumps.
 
     Returns:
-        One sentence, or none where nothing of this is the case; and whether messages are unreadable or the clock jumps.
+        One sentence, empty where nothing of this is the case; and whether messages are unreadable or the clock jumps.
 
     Args:
         file: MCAP file.
@@ -93,10 +93,10 @@ def explained(file: Path, *, whole: bool = False) -> tuple[tuple[str, ...], bool
     try:
         found = explain(file)
     except SurefootError:
-        return (), True
+        return "", True
     partly = bool(found.jumps or found.damage)
     bad = found.outcome is not None or bool(found.jumps) or (whole and bool(found.damage))
-    return ((found.sentence,) if bad else ()), partly
+    return found.sentence if bad else "", partly
 
 
 def _recorded_facts(recording: ReadableRecording, scenario: Scenario | None) -> dict[str, str]:

@@ -198,7 +198,9 @@ def _explained(verdict: RunVerdict, recording: Path | None) -> RunVerdict:
         found = explain(recording)
     except SurefootError:
         return verdict
-    return verdict if found.outcome is None else replace(verdict, notes=(found.sentence, *verdict.notes))
+    if found.outcome is None:
+        return verdict
+    return replace(verdict, notes=(found.sentence, *verdict.notes), why=found.sentence)
 
 
 class _End(NamedTuple):

@@ -1,5 +1,6 @@
 """Reports of recordings: whole, cut off, without truth, of an unknown robot, with names that look like markup."""
 
+import html
 import json
 import re
 from dataclasses import replace
@@ -14,6 +15,7 @@ from surefoot.lab.report.page import About, render
 from surefoot.lab.report.recorded import report_recording
 from surefoot.lab.report.traces import Traces
 from surefoot.lab.report.why import explain
+from surefoot.lab.runs.live import _reported as reported
 from surefoot.lab.scene.film import FRAMES_HZ
 from surefoot.record.recording import RecordingWriter, open_readable, read_recording, topic_of
 from surefoot.robot.reader import robot_file
@@ -57,6 +59,34 @@ def test_a_report_has_a_film_of_the_whole_walk(whole, recorded):
     assert film["head"]["ground"] is not None
     assert film["marks"]
     assert len(text) < 5_000_000
+
+
+def head(text):
+    """Return the head of a page, as text."""
+    return html.unescape(text[text.index("<header>") : text.index("</header>")])
+
+
+def test_the_cause_of_a_failure_stands_on_top_of_the_report_of_a_recording_and_of_a_run(whole, recorded, tmp_path):
+    def fallen(key, data):
+        late = key == "sim/truth" and json.loads(data)["tick"] > 400
+        return data.replace(b'"fallen":false', b'"fallen":true') if late else data
+
+    failed = copy(recorded, tmp_path / "failed.mcap", {"robot": "ragno"}, change=fallen)
+    sentence = "it fell at 4.01 s; no cause was found in the recording"
+    assert explain(failed).sentence == sentence
+    of_recording, _ = report_recording(failed, None, tmp_path / "recording.html")
+    verdict = judge(Traces(), {}, problems=("it fell",))
+    of_run, stated = reported(tmp_path / "run.html", About("a run"), Traces(), verdict, failed)
+    assert stated.notes == (sentence,)
+    assert of_run is not None
+    for path in (of_recording, of_run):
+        text = path.read_text(encoding="utf-8")
+        assert f'<p class="why"><b>Why</b> {sentence}</p>' in head(text)
+        assert text.count(sentence) == 1
+    passed, _ = reported(tmp_path / "run.html", About("a run"), Traces(), judge(Traces(), {}), recorded)
+    assert passed is not None
+    for text in (whole[0], passed.read_text(encoding="utf-8")):
+        assert 'class="why"' not in head(text)
 
 
 def test_a_report_names_the_versions_of_the_run(whole, recorded):
