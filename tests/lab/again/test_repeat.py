@@ -12,8 +12,10 @@ import pytest
 from surefoot.errors import SurefootError
 from surefoot.lab.again.bisect import first_difference
 from surefoot.lab.again.commands import _ending
+from surefoot.lab.again.compare import compare
 from surefoot.lab.again.repeat import FORMS, Change, RecordedRun, Verification, changed, kept, verify
 from surefoot.lab.cli.main import main
+from surefoot.lab.report.judge import METRICS
 from surefoot.lab.runs.local import run_local
 from surefoot.record.recording import ReadableRecording, RecordingWriter, read_recording, recording_info, topic_of
 from surefoot.robot.reader import ROBOT_FILE, load_robot, robot_file
@@ -30,6 +32,14 @@ max_duration_s = 4.2
 when = "ready"
 do = "walk"
 distance = 0.3
+"""
+GOAL = """
+description = "a goal, and the first steps to it"
+compose = "nao-goal"
+[[step]]
+when = "ready"
+do = "goto"
+position = [1.0, 0.0]
 """
 
 
@@ -107,6 +117,35 @@ def test_without_a_change_whatif_gives_the_recorded_hash_and_with_one_only_what_
     first = first_difference(recorded, tmp_path / "other.mcap")
     assert first is not None
     assert first.tick >= 389
+
+
+def test_the_comparison_shows_margins_and_slip_of_both_runs(recorded: Path, tmp_path: Path) -> None:
+    run = RecordedRun.of(recorded)
+    changed(run, 3.2, [Change.of("push=y:30")], tmp_path / "pushed.mcap")
+    rows = {row.title: (row.before, row.after) for row in compare(run.recording, tmp_path / "pushed.mcap", 3.2)}
+
+    def numbers(name: str) -> list[float]:
+        return [float(text.split()[0]) for text in rows[METRICS[name].title]]
+
+    for name in ("min_margin_m", "min_margin_measured_m"):
+        before, after = numbers(name)
+        assert 0.0 < after < before < 0.1
+    for name in ("mean_slip_mm", "max_slip_mm"):
+        before, after = numbers(name)
+        assert after > 10.0 * before > 0.0
+    assert rows[METRICS["fell"].title] == ("no", "no")
+    same = compare(run.recording, recorded, 3.2)
+    assert [row.before for row in same] == [row.after for row in same] == [before for before, _ in rows.values()]
+
+
+def test_without_a_change_a_biped_on_its_way_to_a_goal_has_the_recorded_hash_to_the_end(tmp_path: Path) -> None:
+    scenario = replace(parse_scenario(GOAL), max_duration_s=2.2)
+    done = run_local(scenario, 5, recording=tmp_path / "run.mcap")
+    gait = [json.loads(item.data)["state"] for item in read_recording(tmp_path / "run.mcap", ("state/gait",))]
+    assert gait[-1] == "walking"
+    run = RecordedRun.of(tmp_path / "run.mcap")
+    assert changed(run, 1.5, [], tmp_path / "same.mcap") == run.run_hash == done.run_hash
+    assert first_difference(tmp_path / "run.mcap", tmp_path / "same.mcap") is None
 
 
 @pytest.mark.parametrize(
