@@ -3,20 +3,18 @@
 The truth of a simulation is used where a recording has it; injected faults are not read anywhere.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from surefoot.arrays import Array
 from surefoot.geometry.constants import GRAVITY
-from surefoot.schemas.topics import HW_CONTACTS, HW_IMU, HW_JOINTS
+from surefoot.schemas.topics import TICK_S
 
+from .clue import Clue
+from .inputs import absent, camera, late, ranger, stale, thin
 from .signals import Signals, spans
 
-GAP_PERIODS = 5.0
-"""Gap between two samples of a sensor, in periods of its topic, above which the sensor counts as absent."""
 FROZEN_S = 0.08
 """Least duration, s, of identical inertial samples in a row from which the inertial unit counts as frozen."""
 STUCK_S, MOVED = 0.4, 0.12
@@ -42,24 +40,14 @@ UNLOADED_N, LOADED = 0.02, 0.12
 foot above which the foot counts as standing."""
 WRONG_SWITCH_S = 0.2
 """Time, s, from which a foot switch that contradicts the contact force, or without truth the gait, counts as faulty."""
-ROOTS = ("service", "stop", "command", "imu", "joints", "contacts", "encoder", "servo", "switch", "push", "friction")
-"""Values of `Clue.code` that are causes of a failure, in order of precedence; all other codes are consequences."""
-
-
-@dataclass(frozen=True)
-class Clue:
-    """Evidence of a fault or of its consequences in a recording.
-
-    Attributes:
-        code: kind, one of `ROOTS` or a consequence.
-        begin, end: when, s of simulated time.
-        text: what was seen, with numbers.
-    """
-
-    code: str
-    begin: float
-    end: float
-    text: str
+FLAT = 0.02
+"""Determinant of the horizontal scatter of standing feet, as a share of its squared trace, below which they stand on
+one line."""
+STOOD = "footholds", "stance"
+"""Names of the fields of `state/gait` with the planned places of the feet, m, and with the feet that stand."""
+CONE_S, CONE_ROWS = 1.0, 5
+"""`CONE_S`: window, s, whose mean force counts: longer than a step sways the trunk, and than a fall takes; `CONE_ROWS`:
+messages of the truth on each side from which the acceleration of the CoM is computed."""
 
 
 def services(s: Signals) -> list[Clue]:
@@ -85,19 +73,6 @@ def stops(s: Signals) -> list[Clue]:
         if row.get("stopped"):
             return [Clue("stop", 0.01 * row.get("tick", 0), s.end, f"emergency stop: {row['stopped']}")]
     return []
-
-
-def absent(s: Signals) -> list[Clue]:
-    """Find gaps of more than `GAP_PERIODS` periods in the inertial, joint and contact samples."""
-    found: list[Clue] = []
-    for topic, code in ((HW_IMU, "imu"), (HW_JOINTS, "joints"), (HW_CONTACTS, "contacts")):
-        if not s.rows[topic.key]:
-            continue
-        times = np.append(s.times(topic.key), s.end)
-        for i in np.flatnonzero(np.diff(times) > GAP_PERIODS * 1e-9 * topic.period_ns):
-            gap = float(times[i + 1] - times[i])
-            found.append(Clue(code, float(times[i]), float(times[i + 1]), f"no {topic.key} for {gap:.2f} s"))
-    return found
 
 
 def frozen(s: Signals) -> list[Clue]:
@@ -237,6 +212,71 @@ def sliding(s: Signals) -> list[Clue]:
     return found
 
 
+def cone(s: Signals) -> list[Clue]:
+    """Find times in which the force that carries the robot leaves the friction cone that its walk counts with.
+
+    The contact forces of all feet add up to m (a - g), a of the CoM, whatever the feet hold against each other. Cones
+    are convex: if the mean of the sum over `CONE_S` leaves the cone about the normal of the ground, no distribution
+    over feet and time is within it. The normal is that of the plane through the places where feet stood last; bipeds
+    stand on level ground. Without truth a is 0.
+    """
+    known = s.column("state/stability", "mu")
+    known = known[np.isfinite(known)]
+    true, n = bool(s.rows["sim/truth"]), round(CONE_S / TICK_S)
+    key, (place, load) = ("sim/truth", ("foot_position", "foot_force_n")) if true else ("state/gait", STOOD)
+    times, feet = s.times(key), s.column(key, place)
+    if not len(known) or len(times) < n or feet.ndim != 3:
+        return []
+    mu = float(np.median(known))
+    force = np.tile(np.array([0.0, 0.0, GRAVITY]), (len(times), 1))
+    if true:
+        force += _acceleration(times, s.column(key, "com"))
+    normal = _normals(feet, s.column(key, load) > UNLOADED_N)
+    mean = sliding_window_view(force, n, axis=0).mean(axis=-1)
+    now, ratio = _along(force, normal), _along(mean, normal[n // 2 :][: len(mean)])
+    for a, b in spans(times[: len(ratio)], (ratio > mu) & (times[: len(ratio)] > 1.0), 0.0)[:1]:
+        outside = times[(times >= a) & (now > mu)]
+        most = ratio[(times[: len(ratio)] >= a) & (times[: len(ratio)] <= b)].max()
+        text = f"the feet need {most:.2f} of their load along the ground, the friction cone of the walk has {mu:.2f}"
+        return [Clue("cone", float(outside[0]) if len(outside) else a, b + CONE_S, text)]
+    return []
+
+
+def _acceleration(times: Array, com: Array) -> Array:
+    """Return the acceleration of the CoM `com` (n, 3) m at times (n,) s, (n, 3) m/s^2; NaN where a row is missing."""
+    k, found = CONE_ROWS, np.full(com.shape, np.nan)
+    if com.ndim == 2 and len(com) > 2 * k:
+        even = np.abs(times[2 * k :] - times[: -2 * k] - 2 * k * TICK_S) < 0.5 * TICK_S
+        second = com[2 * k :] - 2.0 * com[k:-k] + com[: -2 * k]
+        found[k:-k] = np.where(even[:, None], second / (k * TICK_S) ** 2, np.nan)
+    return found
+
+
+def _along(force: Array, normal: Array) -> Array:
+    """Return the part of forces (n, 3) along planes as a share of that along their normals (n, 3); NaN if none."""
+    up = np.einsum("ij,ij->i", force, normal)
+    return np.linalg.norm(force - up[:, None] * normal, axis=1) / np.where(up > 0.0, up, np.nan)
+
+
+def _normals(feet: Array, stands: NDArray[np.bool_]) -> Array:
+    """Return the unit normal, (n, 3), of the plane by least squares through the places where feet stood last.
+
+    `feet` (n, L, 3) m, z up; `stands` (n, L). Vertical where fewer than three feet have stood, or all on one line.
+    """
+    n, legs = stands.shape
+    last = np.maximum.accumulate(np.where(stands, np.arange(n)[:, None], -1), axis=0)
+    held = np.where((last >= 0)[:, :, None], feet[np.maximum(last, 0), np.arange(legs)], np.nan)
+    stood = (last >= 0).sum(axis=1)
+    x, y, z = np.moveaxis(held - (np.nansum(held, axis=1) / np.maximum(stood, 1)[:, None])[:, None], 2, 0)
+    xx, xy, yy, xz, yz = (np.nansum(p * q, axis=1) for p, q in ((x, x), (x, y), (y, y), (x, z), (y, z)))
+    det = xx * yy - xy**2
+    flat = (stood < 3) | (det < FLAT * (xx + yy) ** 2)
+    safe = np.where(flat, 1.0, det)
+    slope_x, slope_y = (np.where(flat, 0.0, p / safe) for p in (xz * yy - yz * xy, yz * xx - xz * xy))
+    normal = np.stack((-slope_x, -slope_y, np.ones(n)), axis=1)
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
 def _in_turn(times: Array, slid: NDArray[np.bool_]) -> list[Clue]:
     """Return `IN_TURN` feet that slide within `IN_TURN_S`, one after another, as on ground that is smooth everywhere.
 
@@ -279,7 +319,10 @@ def consequences(s: Signals) -> list[Clue]:
     return found
 
 
-FINDERS = (services, stops, absent, frozen, followed, switches, pushes, sliding, consequences)
+FINDERS = (
+    services, stops, absent, thin, late, stale, camera, ranger, frozen, followed, switches, pushes, cone, sliding,
+    consequences,
+)  # fmt: skip
 
 
 def gather(s: Signals) -> list[Clue]:

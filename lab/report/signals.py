@@ -18,9 +18,12 @@ from surefoot.schemas.topics import TICK_S
 
 READ = (
     "hw/tick", "hw/imu", "hw/joints", "hw/contacts", "cmd/joints", "state/gait", "state/velocity", "state/stability",
-    "navigator/feedback", "sim/truth", "sim/status",
+    "navigator/feedback", "sim/truth", "sim/status", "state/pose", "state/landmarks", "hw/landmarks", "hw/image",
+    "hw/range",
 )  # fmt: skip
 
+LARGE = "pixels"
+"""Name of the field of images that is left out: a recording has hundreds of megabytes of it."""
 NEEDED = {"hw/imu": {"gyro", "acc"}, "hw/joints": {"position"}, "hw/contacts": {"touch"}}
 """Names of the fields without which a recorded message is skipped, by topic key; all other fields may be missing."""
 CLOCKS = ("hw/tick", "sim/truth", "hw/imu")
@@ -109,6 +112,7 @@ def read_signals(path: Path, progress: Callable[[float], None] | None = None) ->
             found.rows.clear()
             epoch = now
         if now == epoch:
+            row.pop(LARGE, None)
             found.rows[item.key].append(row)
     broken = [f"{count} of {key} are no messages" for key, count in sorted(lost.items())]
     found.damage = "; ".join(filter(None, (recording.damage, *broken)))

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .evidence import ROOTS, Clue, gather
+from .clue import OF_GOALS, ROOTS, Clue
+from .evidence import gather
 from .signals import Signals, read_signals, spans
 
 TILTED = math.radians(45.0)
@@ -73,10 +74,26 @@ def explain(path: Path, progress: Callable[[float], None] | None = None) -> Expl
     outcome = find_outcome(signals)
     if outcome is None:
         return Explanation(None, None, (), signals.damage, signals.jumps, signals.version)
-    seen = [e for e in gather(signals) if e.begin <= outcome.begin and e.end >= outcome.begin - BEFORE_S]
+    seen = [e for e in gather(signals) if e.begin <= outcome.begin and _counts(e, outcome, signals)]
     cause = _first(seen)
     chain = () if cause is None else tuple(e for e in seen if e is not cause and e.begin >= cause.begin)
     return Explanation(outcome, cause, _once(chain), signals.damage, signals.jumps, signals.version)
+
+
+def _counts(clue: Clue, outcome: Clue, s: Signals) -> bool:
+    """Return True if a clue may lead to an outcome: it ended at most `BEFORE_S` earlier.
+
+    The refusal with which the walker gives a walk up is that outcome itself, and no cause of it. A fault of a camera or
+    ranger leads to missed goals only, and to these also later: a wrong belief remains.
+    """
+    if outcome.code == "abandoned" and clue.code == "refused" and clue.text.partition(": ")[2] in outcome.text:
+        return False
+    if clue.code not in OF_GOALS:
+        return clue.end >= outcome.begin - BEFORE_S
+    if outcome.code != "goal":
+        return False
+    row = next(row for row in s.rows["navigator/feedback"] if row.get("state") == "failed")
+    return clue.end >= outcome.begin - (row.get("navigation_time") or 0.0)
 
 
 def _first(seen: list[Clue]) -> Clue | None:

@@ -22,6 +22,7 @@ from tests.surefoot.expect import expect_error
 
 TICKS, AT = 800, 500
 LEGS, JOINTS = 4, 12
+FEET = ((0.1, 0.1), (0.1, -0.1), (-0.1, -0.1), (-0.1, 0.1))
 Edit = Callable[[dict[str, dict[int, dict[str, Any]]]], None]
 
 
@@ -34,7 +35,7 @@ def walk(seed: int = 0) -> dict[str, dict[int, dict[str, Any]]]:
     for tick in range(TICKS):
         stance = [leg % 2 == tick // 50 % 2 for leg in range(LEGS)]
         angles = [0.3 * np.sin(0.02 * tick + joint) for joint in range(JOINTS)]
-        head = {"epoch": 1, "tick": tick, "seq": tick, "source": "x"}
+        head = {"epoch": 1, "tick": tick, "seq": tick, "source": "x", "stamp_ns": tick * 10**7}
         rows["hw/tick"][tick] = {**head, "roster": ["estimator", "walker"], "held": False}
         noise = rng.normal(0.0, 0.01, 6)
         rows["hw/imu"][tick] = {
@@ -45,7 +46,9 @@ def walk(seed: int = 0) -> dict[str, dict[int, dict[str, Any]]]:
         rows["cmd/joints"][tick] = {**head, "position": angles}
         rows["sim/truth"][tick] = {
             **head, "fallen": False, "velocity": [0.05, 0.0, 0.0], "contact_sliding": [0.0] * LEGS,
-            "foot_force_n": [10.0 * s for s in stance],
+            "foot_force_n": [10.0 * s for s in stance], "com": [5e-4 * tick, 0.0, 0.1],
+            "position": [5e-4 * tick, 0.0, 0.1],
+            "foot_position": [[5e-4 * tick + x, y, 0.0] for x, y in FEET],
         }  # fmt: skip
         if tick % 3 == 0:
             rows["hw/joints"][tick] = {**head, "position": [a + 1e-4 * noise[0] for a in angles]}
@@ -54,7 +57,8 @@ def walk(seed: int = 0) -> dict[str, dict[int, dict[str, Any]]]:
         rows["state/velocity"][tick] = {
             **head, "inputs_ok": True, "filter_ok": True, "slipping": [False] * LEGS, "g_up": [0.0, 0.0, 9.81]
         }  # fmt: skip
-        rows["state/stability"][tick] = {**head, "margin_planned": 0.05, "margin_measured": 0.04, "stance": stance}
+        rows["state/stability"][tick] = {**head, "margin_planned": 0.05, "margin_measured": 0.04, "mu": 0.6}
+        rows["state/stability"][tick]["stance"] = stance
     rows["sim/status"][0] = {**rows["hw/tick"][0], "stopped": "", "failed": ""}
     return rows
 
@@ -134,14 +138,60 @@ def still(rows: Any) -> None:
     after(rows, "hw/joints", lambda row, n: row.update(position=list(held)))
 
 
+def silent(rows: Any) -> None:
+    """End the commands; the servos hold."""
+    drops("cmd/joints")(rows)
+    still(rows)
+
+
+def repeats(rows: Any) -> None:
+    after(rows, "state/velocity", lambda row, n: row.update(stamp_ns=AT * 10**7))
+
+
 def stopped(rows: Any) -> None:
     rows["sim/status"][AT] = {**rows["hw/tick"][AT], "stopped": "operator", "failed": ""}
+
+
+def delays(key: str, ticks: int) -> Edit:
+    """Let the messages of a key come so many ticks later, with the stamps of their samples."""
+
+    def edit(rows: Any) -> None:
+        held = {tick: row for tick, row in rows[key].items() if tick >= AT}
+        kept = {tick: row for tick, row in rows[key].items() if tick < AT}
+        rows[key] = kept | {t + ticks: {**row, "tick": t + ticks} for t, row in held.items() if t + ticks < TICKS}
+
+    return edit
+
+
+def thins(key: str, every: int) -> Edit:
+    def edit(rows: Any) -> None:
+        ticks = list(rows[key])
+        rows[key] = {tick: rows[key][tick] for n, tick in enumerate(ticks) if tick < AT or n % every == 0}
+
+    return edit
+
+
+def steepens(rows: Any) -> None:
+    def change(row: Any, n: int) -> None:
+        row.update(foot_position=[[x, y, z + 0.7 * x] for x, y, z in row["foot_position"]])
+
+    after(rows, "sim/truth", change)
+
+
+def steepens_unseen(rows: Any) -> None:
+    """Without truth the planned footholds show the slope."""
+    rows["sim/truth"].clear()
+    after(rows, "state/gait", lambda row, n: row.update(footholds=[(x, y, 0.7 * x) for x, y in FEET]), 0)
+    after(rows, "state/velocity", lambda row, n: row.update(g_up=[9.0, 0.0, 1.0]), AT)
 
 
 CASES: list[tuple[str, Edit]] = [
     ("friction", slides), ("friction", slides_in_turn), ("push", pushed), ("service", leaves), ("servo", dead),
     ("encoder", sticks), ("imu", freezes), ("imu", drops("hw/imu")), ("joints", drops("hw/joints")),
     ("contacts", drops("hw/contacts")), ("switch", closes), ("command", still), ("stop", stopped),
+    ("late", delays("hw/imu", 20)), ("late", delays("hw/joints", 30)), ("late", delays("hw/contacts", 12)),
+    ("imu", thins("hw/imu", 4)), ("joints", thins("hw/joints", 3)),
+    ("stale", drops("state/velocity")), ("stale", silent), ("stale", repeats), ("cone", steepens),
 ]  # fmt: skip
 
 
@@ -156,6 +206,13 @@ def test_one_fault_before_a_fall_is_its_cause(code: str, edit: Edit, monkeypatch
     assert (found.cause.code, found.outcome and found.outcome.code) == (code, "fall")
     assert found.cause.begin == pytest.approx(0.01 * AT, abs=0.6)
     assert all(found.cause.begin <= each.begin <= 0.01 * (AT + 100) for each in found.chain)
+
+
+def test_without_truth_a_slope_is_seen_in_the_planned_footholds(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = explained(edited(steepens_unseen), monkeypatch)
+    assert found.cause is not None
+    assert (found.cause.code, found.outcome and found.outcome.code) == ("cone", "fall")
+    assert "the feet need 0.70 of their load" in found.sentence
 
 
 def test_a_push_that_takes_several_joints_off_their_commands_is_the_cause_and_a_dead_servo_before_it_is(
@@ -193,6 +250,15 @@ def test_nothing_is_blamed_in_a_walk_without_an_accident(monkeypatch: pytest.Mon
     falling = explained(edited(falls), monkeypatch)
     assert falling.cause is None
     assert "no cause was found" in falling.sentence
+
+
+def test_a_refusal_is_no_cause_of_the_walk_that_is_abandoned_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuses(row: Any, n: int) -> None:
+        row.update(state="walking" if n < 7 else "refused", reason="out of reach")
+
+    found = explained(edited(lambda rows: after(rows, "state/gait", refuses)), monkeypatch)
+    assert (found.outcome and found.outcome.code, found.cause) == ("abandoned", None)
+    assert "(out of reach) at 5.07 s; no cause was found" in found.sentence
 
 
 def test_two_feet_that_slide_in_turn_are_no_ice(monkeypatch: pytest.MonkeyPatch) -> None:
