@@ -44,8 +44,9 @@ age, and share of the seconds with more samples than the usual number."""
 BLIND_S = 2.0
 """Time, s, from which on a camera that sees no landmark, none of the map or one view, or that vision remarks on, counts
 as faulty, and a ranger that repeats one echo."""
-MOVES_M = 0.1
-"""Way, m, of a robot within `BLIND_S` or longer from which on equal echoes and views are no sign of a halt."""
+MOVES_M = 0.05
+"""Way, m, of a robot while echoes are equal from which on they are no sign of a halt: one step of a small robot, as a
+robot halts soon before an obstacle that its stuck ranger shows."""
 
 
 def gaps(s: Signals, times: Array, least_s: float) -> Iterator[tuple[float, float]]:
