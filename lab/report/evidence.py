@@ -305,8 +305,9 @@ def consequences(s: Signals) -> list[Clue]:
         ("inputs_ok", "starved", "inputs of the filter were refused or absent"),
         ("filter_ok", "filter", "the filter is beyond its bounds"),
     ):
-        flags = s.column("state/velocity", name) < 0.5 if s.rows["state/velocity"] else np.empty(0, dtype=np.bool_)
-        for a, b in spans(s.times("state/velocity"), flags, 0.1)[:1]:
+        times = s.times("state/velocity")
+        flags = (s.column("state/velocity", name) < 0.5) & (times > 1.0)  # before, the estimator is not calibrated
+        for a, b in spans(times, flags, 0.1)[:1]:
             found.append(Clue(code, a, b, f"{text} for {b - a:.2f} s"))
     last = ""
     for time, row in zip(s.times("state/gait").tolist(), s.rows["state/gait"], strict=True):

@@ -261,6 +261,15 @@ def test_a_refusal_is_no_cause_of_the_walk_that_is_abandoned_with_it(monkeypatch
     assert "(out of reach) at 5.07 s; no cause was found" in found.sentence
 
 
+def test_a_filter_that_begins_beyond_its_bounds_is_no_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    def begins(rows: Any) -> None:
+        for tick in range(50):
+            rows["state/velocity"][tick].update(filter_ok=False)
+        falls(rows, 400)
+
+    assert explained(edited(begins), monkeypatch).cause is None
+
+
 def test_two_feet_that_slide_in_turn_are_no_ice(monkeypatch: pytest.MonkeyPatch) -> None:
     found = explained(edited(lambda rows: slides_in_turn(rows, 2, 50)), monkeypatch)
     assert found.outcome is not None
