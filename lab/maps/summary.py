@@ -10,9 +10,10 @@ from surefoot.arguments import number
 from surefoot.errors import InvalidField
 from surefoot.services.navigator.belief import landmark_files
 from surefoot.services.navigator.belief.landmarks import FloorLandmarks
-from surefoot.services.navigator.planning import map_files
+from surefoot.services.navigator.planning import map_files, zone_files
 from surefoot.services.navigator.planning.costs import WIDEST, Clearance, prepare
 from surefoot.services.navigator.planning.grid import FREE, UNKNOWN, FloorGrid
+from surefoot.services.navigator.planning.zones import KeptOut, Zones
 from surefoot.services.vision.feature_map import has_features
 from surefoot.services.vision.feature_map import load as load_features
 
@@ -33,7 +34,9 @@ class Summary:
 
 
 def summary_of(path: Path, radius: float = 0.15) -> Summary:
-    """Return the summary of a landmark map (`.npz`) or of a map of a map_server (its YAML).
+    """Return the summary of a landmark map (`.npz`), of a map of a map_server (its YAML), or of a file of zones.
+
+    Keepout zones in the YAML count as obstacles of its regions.
 
     Args:
         path: the file.
@@ -43,7 +46,11 @@ def summary_of(path: Path, radius: float = 0.15) -> Summary:
         Refusal: the file cannot be used at all.
     """
     if path.suffix.lower() in (".yaml", ".yml"):
-        return _grid(map_files.load(path), radius)
+        zones = zone_files.load(path, required=False)
+        if zones and "image" not in map_files.table_of(map_files.text_of(path), path):
+            return Summary({"kind": "zones", **_zones(zones)}, ())
+        found = _grid(map_files.load(path), zones, radius)
+        return Summary(found.facts | (_zones(zones) if zones else {}), found.problems)
     found = _landmarks(landmark_files.load(path))
     if not has_features(path):
         return found
@@ -87,13 +94,21 @@ def copied(world: FloorLandmarks) -> int:
     return count
 
 
-def _grid(grid: FloorGrid, radius: float) -> Summary:
+def _zones(zones: Zones) -> dict[str, Any]:
+    return {
+        "keepout": [zone.name for zone in zones.keepout],
+        "speed_limits": [zone.name for zone in zones.all if zone.kind == "speed_limit"],
+    }
+
+
+def _grid(grid: FloorGrid, zones: Zones, radius: float) -> Summary:
     number(radius, "radius", "m", low=0.0)
     widest = WIDEST * grid.cell
     if radius > widest:
         text = f"got {radius:g}, allowed is 0 to {widest:g} m, {WIDEST} cells of {grid.cell:g} m"
         raise InvalidField("radius", text)
-    costs = prepare(grid, Clearance(radius=radius, comfort=radius), lasting=False)
+    walked = KeptOut(zones, grid).closed(grid) if zones.keepout else grid
+    costs = prepare(walked, Clearance(radius=radius, comfort=radius), lasting=False)
     sizes = np.bincount(costs.region.ravel())[1:]
     largest = float(sizes.max()) / grid.cells.size if sizes.size else 0.0
     facts = {

@@ -25,6 +25,9 @@ class NavigatorConfig(ServiceConfig):
     start_yaw: float = Field(default=0.0, description="rad, start heading in map")
     map: str | None = Field(default=None, description="map_server YAML file; null = from terrain/map")
     landmarks: str | None = Field(default=None, description="landmark map file; null = from terrain/landmarks")
+    zones: str | None = Field(
+        default=None, description="YAML with keepout zones and speed limits; null = those in the YAML of map"
+    )
     robot_radius: float = Field(default=0.15, ge=0, le=2, description="m, kept free of obstacles")
     through_unknown: bool = Field(default=True, description="routes may lead over cells that the map does not know")
     viewing_distance: float = Field(default=6.0, gt=0, le=100, description="m, longest way between two waypoints")

@@ -12,11 +12,12 @@ from surefoot.schemas.terrain import LandmarkMap as LandmarkMapMessage
 from .belief.landmark_files import load as load_landmarks
 from .belief.landmarks import FloorLandmarks, LandmarkMapError
 from .config import NavigatorConfig
-from .planning import map_files
+from .planning import map_files, zone_files
 from .planning.costs import Clearance, Costs, prepare
 from .planning.grid import FloorGrid, GridError, Point, grid_of
-from .planning.route import RouteError, RouteLimits, plan
+from .planning.route import PlannedRoute, RouteError, RouteLimits, plan, plan_out
 from .planning.seen import Pose, SeenObstacles
+from .planning.zones import KeptOut, Zones
 from .policy.settings import Conduct
 
 FARTHEST = 1e4
@@ -24,7 +25,8 @@ FARTHEST = 1e4
 DETOUR = 1.0
 """Length, m, by which a way around all marks may be longer than that around sure ones; else the latter is taken."""
 INSIDE = 0.8
-"""Part of the robot's radius within which a marked cell blocks a route; below 1, as routes pass at that radius."""
+"""Part of the robot's radius within which a marked cell or a keepout zone blocks a route; below 1, as routes pass at
+that radius."""
 
 
 class Maps:
@@ -44,6 +46,10 @@ class Maps:
         self._limits = RouteLimits(leg=config.viewing_distance)
         self._filed = None if config.map is None else map_files.load(config.map)
         self._marked = None if config.landmarks is None else load_landmarks(config.landmarks)
+        self.zones = Zones()
+        """Keepout zones and speed limits, of their own file or of that of the map."""
+        if config.zones is not None or config.map is not None:
+            self.zones = zone_files.load(config.zones or config.map or "", required=config.zones is not None)
         self.reset()
 
     def reset(self) -> None:
@@ -51,12 +57,13 @@ class Maps:
         self.landmarks: FloorLandmarks | None = self._marked
         self.grid: FloorGrid | None = self._filed
         self._costs: Costs | None = None
+        self._kept: KeptOut | None = None
         self._heights: HeightMapMessage | None = None
         self._marks: LandmarkMapMessage | None = None
         self._seen: SeenObstacles | None = None
-        self._joined: dict[bool, tuple[int, Costs]] = {}
-        """Version of the local map, and the walking costs of global and local map together, of sure marks (True) and of
-        all; as far as computed."""
+        self._joined: dict[tuple[bool, bool], tuple[int, Costs]] = {}
+        """Version of the local map, and the walking costs of global and local map together, by whether only sure marks
+        count and whether zones do; as far as computed."""
         self._daring = False
         """True if the route that the robot walks may lead through marks that are not sure."""
 
@@ -67,7 +74,7 @@ class Maps:
         """
         problems: list[str] = []
         if heights is not None and heights is not self._heights and self._filed is None:
-            self._heights, self._costs = heights, None
+            self._heights, self._costs, self._kept, self._joined = heights, None, None, {}
             try:
                 self.grid = grid_of(HeightMap.from_wire(heights.model_dump(), heights.data))
             except (HeightMapError, GridError) as error:
@@ -93,12 +100,22 @@ class Maps:
     def costs(self) -> Costs | None:
         """Costs of walking over the cells of the map, made when first needed; None without a map.
 
+        Cells of keepout zones count as obstacles.
+
         Raises:
             Refusal: the cells of the map are too small for the distances from obstacles.
         """
         if self._costs is None and self.grid is not None:
-            self._costs = prepare(self.grid, self._clearance)
+            kept = self.kept
+            self._costs = prepare(self.grid if kept is None else kept.closed(self.grid), self._clearance)
         return self._costs
+
+    @property
+    def kept(self) -> KeptOut | None:
+        """Cells of the map that keepout zones touch, found when first needed; None without a map or such zones."""
+        if self._kept is None and self.grid is not None and self.zones.keepout:
+            self._kept = KeptOut(self.zones, self.grid)
+        return self._kept
 
     def see(self, seen: Range, at: Pose, unsure: tuple[float, float], now: float) -> bool:
         """Enter a reading of the ranger into the local map; return True if its echo is of nothing in the map.
@@ -119,9 +136,17 @@ class Maps:
     def free(self, here: Point, route: tuple[Point, ...]) -> bool:
         """Return True if no obstacle unknown to the map was seen by the ranger on the next 2 m of a route from `here`.
 
+        The way to its next waypoint leads no nearer to a keepout zone than the robot is, or keeps most of its radius.
         here, route: x, y in m, frame map.
         """
-        return self._free(here, route, sure=self._daring)
+        return self._free(here, route, sure=self._daring) and all(self.keeps_out(here, end) for end in route[:1])
+
+    def keeps_out(self, here: Point, end: Point) -> bool:
+        """Return True if a straight way comes no nearer to a keepout zone than its begin or most of the robot's radius.
+
+        here, end: x, y in m, frame map.
+        """
+        return self.kept is None or self.kept.open(here, end, INSIDE * self._clearance.radius)
 
     def _free(self, here: Point, route: tuple[Point, ...], *, sure: bool) -> bool:
         return self._seen is None or self._seen.free(here, route, INSIDE * self._clearance.radius, sure=sure)
@@ -176,6 +201,8 @@ class Maps:
             if math.hypot(*place) > FARTHEST:
                 raise Refusal("invalid", f"a goal lies within {FARTHEST:g} m of the origin, got {place}", where)
             begin = places[i - 1] if i > 0 else here
+            if self.costs is None and self.zones.keepout:
+                raise Refusal("no_map", "keepout zones need a map of the floor to plan on", where)
             if self.costs is None:
                 found.append((place,))
             elif i > 0 and math.dist(begin, place) < 1e-6:
@@ -200,7 +227,7 @@ class Maps:
         found, refused, daring = None, None, False
         for sure in (False, True) if self._unsure else (False,):
             try:
-                way = plan(self._costs_now(sure=sure), begin, place, self._limits)
+                way = self._plan(begin, place, sure=sure)
             except RouteError as error:
                 refused = refused or error
                 if bold:
@@ -213,22 +240,61 @@ class Maps:
             raise Refusal(refused.code, refused.message, fields[refused.field == "goal"]) from None
         return tuple((float(x), float(y)) for x, y in found.waypoints), daring
 
+    def _plan(self, begin: Point, place: Point, *, sure: bool) -> PlannedRoute:
+        """Return the cheapest route around keepout zones, from a begin in one first out of it.
+
+        Args:
+            begin: x, y in m, frame map.
+            place: x, y in m, frame map.
+            sure: True = only marks of the ranger that are sure count.
+
+        Raises:
+            RouteError: as `plan`; `keepout`: the place is in a keepout zone, or too close to one; the text names it.
+        """
+        costs, kept = self._costs_now(sure=sure), self.kept
+        if kept is None:
+            return plan(costs, begin, place, self._limits)
+        try:
+            if kept.name_at(begin):
+                return plan_out(costs, self._costs_now(sure=sure, zones=False), begin, place, self._limits)
+            return plan(costs, begin, place, self._limits)
+        except RouteError as error:
+            name, apart = kept.nearest(place)
+            if error.code == "unreachable":
+                text = f"{error.message}; it keeps out of {', '.join(kept.names)}"
+                raise RouteError("unreachable", text, error.field or "goal", error.nearest) from None
+            if error.code != "blocked" or error.field != "goal" or apart > self._clearance.radius:
+                raise
+            where = "in" if kept.name_at(place) else "too close to"
+            near = error.nearest
+            hint = "" if near is None else f"; the nearest place that is free is ({near[0]:.3f}, {near[1]:.3f})"
+            text = f"goal ({place[0]:.3f}, {place[1]:.3f}) is {where} the keepout zone {name!r}{hint}"
+            raise RouteError("keepout", text, "goal", near) from None
+
     @property
     def _unsure(self) -> bool:
         """True if the local map has marks that are not sure."""
         seen = self._seen
         return seen is not None and seen.grid is self.grid and len(seen.marks) > len(seen.sure)
 
-    def _costs_now(self, *, sure: bool) -> Costs:
-        """Return the costs of walking over the map with the obstacles that only the ranger saw, `sure`: sure ones."""
-        seen, costs = self._seen, self.costs
+    def _costs_now(self, *, sure: bool, zones: bool = True) -> Costs:
+        """Return the costs of walking over the map with the obstacles that only the ranger saw.
+
+        `sure`: only those that are sure; `zones`: keepout zones count as obstacles.
+        """
+        seen, costs, grid = self._seen, self.costs, self.grid
         assert costs is not None
-        if seen is None or seen.grid is not self.grid or not (seen.sure if sure else seen.marks):
+        assert grid is not None
+        marked = seen is not None and seen.grid is grid and bool(seen.sure if sure else seen.marks)
+        if not marked and (zones or self.kept is None):
             return costs
-        known = self._joined.get(sure)
-        if known is None or known[0] != seen.version:
-            known = (seen.version, prepare(seen.joined(sure=sure), self._clearance, lasting=False))
-            self._joined[sure] = known
+        version = seen.version if seen is not None and marked else -1
+        known = self._joined.get((sure, zones))
+        if known is None or known[0] != version:
+            grid = seen.joined(sure=sure) if seen is not None and marked else grid
+            grid = self.kept.closed(grid) if zones and self.kept is not None else grid
+            known = (version, prepare(grid, self._clearance, lasting=False))
+            self._joined[sure, zones] = known
         return known[1]
 
     def refuse_blocked(self, place: Point, field: str) -> None:

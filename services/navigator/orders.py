@@ -1,9 +1,12 @@
 """Orders of the navigator to the walker: numbered, recorded once the walker starts them, repeated if it does not."""
 
+from dataclasses import replace
+
 from surefoot.schemas.cmd import WalkCommand
 
 from .execution import Execution
 from .goals import Act, GaitView
+from .planning.zones import FREELY, SpeedLimit
 
 REMIND_S = 1.0
 """Time after which an order that a standing walker has not started is repeated, s."""
@@ -25,14 +28,25 @@ class Orders:
         """Action of the last order until the walker starts it; None = started, or the order begins no action."""
         self.doing: Act | None = None
         """Action that the walker started last; None = none."""
+        self.pace: SpeedLimit = FREELY
+        """Limit of the speed of the walks that are ordered."""
         self._stops = False
         """True while the last order is a stop that the walker has not started, else False."""
         self._walk_id: int | None = None
         self._given_at: float | None = None
         """Simulated time since which the walker has not started the last order, s; None = started."""
 
+    @property
+    def match(self) -> float | None:
+        """Share of the landmarks in view that a camera frame recognises in the present action; None = unknown."""
+        return None if self.doing is None else self.doing.match
+
     def give(self, order: WalkCommand, act: Act | None) -> None:
-        """Set the next order, under a new number; `act` is the action that it begins, None = a stop."""
+        """Set the next order, under a new number; `act` is the action that it begins, None = a stop.
+
+        A walk that is faster than `pace` allows is ordered with the velocity that it does.
+        """
+        order, act = slowed(order, act, self.pace)
         self.given, self.order, self._stops = act, order, order.action == "stop"
         self.number += 1
         self._walk_id = self._given_at = None
@@ -82,6 +96,17 @@ class Orders:
             elif gait.walk_id != self._walk_id:
                 return "taken_over", "another client commands the walker (cmd/walk)"
         return None
+
+
+def slowed(order: WalkCommand, act: Act | None, pace: SpeedLimit) -> tuple[WalkCommand, Act | None]:
+    """Return order and action of a walk at a limited speed; others, and slower walks, are returned as they are."""
+    if act is None or act.kind != "walk" or order.velocity is not None:
+        return order, act
+    own = abs(act.motion.forward) / act.duration
+    speed = pace.of(own)
+    if not 0.0 < speed < own:
+        return order, act
+    return order.model_copy(update={"velocity": speed}), replace(act, duration=act.duration * own / speed)
 
 
 def command_of(act: Act) -> WalkCommand:

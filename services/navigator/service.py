@@ -38,6 +38,7 @@ from .ranging import take_range
 from .rehearsal import LARGE_SIDE, rehearse, rehearse_planning
 from .requests import Requests
 from .results import Results
+from .zoning import restrict
 
 
 class Navigator(Service[NavigatorConfig]):
@@ -102,7 +103,8 @@ class Navigator(Service[NavigatorConfig]):
         requests.carry_out()
         if gait is not None:
             at, lost, suspected = localiser.tracker, localiser.lost.lost, now < localiser.lost.suspected_until
-            pilot.tick(now, requests.gait, at, blocked=self._blocked, close=self._close, lost=lost, suspected=suspected)
+            blocked = restrict(pilot, requests.gait, at, self.maps) or self._blocked
+            pilot.tick(now, requests.gait, at, blocked=blocked, close=self._close, lost=lost, suspected=suspected)
         self.publish(NAVIGATOR_ORDER, order_message(pilot))
         if STATE_POSE.due(inputs.number):
             self.publish(STATE_POSE, localiser.message(now, ready=requests.gait.state != "waiting"))
@@ -115,8 +117,7 @@ class Navigator(Service[NavigatorConfig]):
         if seen is None or not self.config.use_landmarks:
             return
         try:
-            doing = self.pilot.orders.doing
-            self.localiser.look(seen, self.requests.gait, self.requests.now, doing and doing.match)
+            self.localiser.look(seen, self.requests.gait, self.requests.now, self.pilot.orders.match)
         except DetectionError as error:
             if self.localiser.refused[error.code] == 1:
                 self.log("warning", f"landmarks refused: {error.message}")
@@ -132,10 +133,9 @@ class Navigator(Service[NavigatorConfig]):
 
     def _keep(self) -> None:
         """Store the state for a restart when orders or goals changed, and every second."""
-        tick = self.requests.tick
+        tick, mark = self.requests.tick, (self.pilot.state, self.pilot.orders.number, len(self.requests.planned))
         if self.memory.path is None or tick < 0:  # nothing is worth keeping before the first tick
             return
-        mark = (self.pilot.state, self.pilot.orders.number, len(self.requests.planned))
         if mark != self._noted or tick % 100 == 0:
             self._noted = mark
             self.memory.keep(self._epoch, tick, self.requests.kept())

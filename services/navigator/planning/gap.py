@@ -45,11 +45,18 @@ def _of_piece(wall: Flags, a: Point, b: Point, most: float) -> float:
     r, c = rows.astype(np.float64) + (first[0] + 0.5), cols.astype(np.float64) + (first[1] + 0.5)  # centres
     corners = [_to_line(r + dr, c + dc, a, b) for dr in (-0.5, 0.5) for dc in (-0.5, 0.5)]
     apart = np.minimum.reduce([_to_square(r - a[0], c - a[1]), _to_square(r - b[0], c - b[1]), *corners])
+    return min(most, float(np.where(meets(r, c, a, b), 0.0, apart).min()))
+
+
+def meets(r: Array, c: Array, a: Point, b: Point, half: float = 0.5) -> Flags:
+    """Return True for each square that the line from a to b (row, column) touches, (n,).
+
+    `r`, `c`: row and column of the squares' centres, (n,); `half`: half of their edge, in cells.
+    """
     along_r, along_c = 0.5 * (b[0] - a[0]), 0.5 * (b[1] - a[1])
     dr, dc = r - 0.5 * (a[0] + b[0]), c - 0.5 * (a[1] + b[1])
-    crossed = (np.abs(dr) <= 0.5 + abs(along_r)) & (np.abs(dc) <= 0.5 + abs(along_c))
-    crossed &= np.abs(dr * along_c - dc * along_r) <= 0.5 * (abs(along_r) + abs(along_c))
-    return min(most, float(np.where(crossed, 0.0, apart).min()))
+    met = (np.abs(dr) <= half + abs(along_r)) & (np.abs(dc) <= half + abs(along_c))
+    return met & (np.abs(dr * along_c - dc * along_r) <= half * (abs(along_r) + abs(along_c)))
 
 
 def _to_square(dr: Array, dc: Array) -> Array:

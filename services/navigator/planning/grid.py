@@ -88,10 +88,11 @@ class FloorGrid:
         (x0, x1), (y0, y1) = ((min(values), max(values)) for values in zip(*corners, strict=True))
         return (x0, y0, x1, y1)
 
-    def turned(self, x: float, y: float) -> Point:
+    def turned(self, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
         """Return a point turned about the corner `origin` by `yaw`: from axes along rows and columns to frame map.
 
-        `x`, `y`: m, both in axes with the origin of frame map; with a yaw of 0 they are returned as they are.
+        `x`, `y`: m, numbers or arrays (n,), both in axes with the origin of frame map; with a yaw of 0 they are
+        returned as they are.
         """
         return _about(self.origin, self.yaw, x, y)
 

@@ -92,21 +92,29 @@ def load(path: str | Path) -> FloorGrid:
         MapFileError: a file is missing, truncated, too large, no such map, or the image lies outside of the folder.
     """
     source = Path(path)
-    try:
-        text = _content(source, MAX_YAML_BYTES, "yaml").decode()
-    except UnicodeDecodeError:
-        raise _malformed(f"{source.name} is not UTF-8 text", "yaml") from None
-    info = parse(text, source)
+    info = parse(text_of(source), source)
     levels, opacity = _pixels(info.image)
     cells = occupancy(levels, opacity, info)
     return FloorGrid(cells[::-1], info.resolution, info.origin, source.name, info.yaw)
 
 
-def parse(text: str, path: Path) -> MapInfo:
-    """Return the contents of a map's YAML text; the image is searched beside `path`.
+def text_of(path: Path) -> str:
+    """Return the text of a map's YAML file.
 
     Raises:
-        MapFileError: it is no YAML of a map, uses anchors or aliases, or names an image outside of its folder.
+        MapFileError: it is missing, too large, or not UTF-8.
+    """
+    try:
+        return _content(path, MAX_YAML_BYTES, "yaml").decode()
+    except UnicodeDecodeError:
+        raise _malformed(f"{path.name} is not UTF-8 text", "yaml") from None
+
+
+def table_of(text: str, path: Path) -> dict[str, Any]:
+    """Return the table of keys of a map's YAML text; `path` names it in a refusal.
+
+    Raises:
+        MapFileError: it is no table of YAML, is nested too deep, or uses anchors or aliases.
     """
     depth = 0
     try:
@@ -121,7 +129,16 @@ def parse(text: str, path: Path) -> MapInfo:
         raise _malformed(f"{path.name} is no YAML: {' '.join(str(error).split())[:200]}", "yaml") from None
     if not isinstance(read, dict):
         raise _malformed(f"{path.name}: a map is a table of keys, got {str(read)[:80]!r}", "yaml")
-    table = cast("dict[str, Any]", read)
+    return cast("dict[str, Any]", read)
+
+
+def parse(text: str, path: Path) -> MapInfo:
+    """Return the contents of a map's YAML text; the image is searched beside `path`.
+
+    Raises:
+        MapFileError: it is no YAML of a map, uses anchors or aliases, or names an image outside of its folder.
+    """
+    table = table_of(text, path)
     try:
         (x, y), yaw = _origin(table)
         return INFO.validate_python({**table, "image": _image(table, path), "origin": (x, y), "yaw": yaw})

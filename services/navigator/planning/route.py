@@ -96,6 +96,41 @@ def plan(costs: Costs, start: Point, goal: Point, limits: RouteLimits | None = N
     return PlannedRoute(start, waypoints, length, cost, costs.clearance_of(path))
 
 
+def plan_out(
+    around: Costs, through: Costs, start: Point, goal: Point, limits: RouteLimits | None = None
+) -> PlannedRoute:
+    """Return a route from a start in a part of the floor that is kept out of: the cheapest way out, then to the goal.
+
+    Args:
+        around: costs of walking over the cells of a floor; what is kept out of counts as an obstacle.
+        through: costs of walking over the same cells without it.
+        start: x, y in m, frame map.
+        goal: x, y in m, frame map.
+        limits: distance of waypoints and of the start from free ground; None = the defaults.
+
+    Raises:
+        RouteError: as `plan`; `unreachable` also if no way leads out.
+    """
+    limits = limits or RouteLimits()
+    start, goal = _checked(start, "start"), _checked(goal, "goal")
+    wanted = int(around.region[_free(around, goal, "goal")])
+    begin, wide = _entry(through, start, goal, limits)[0], through.weight.shape[1]
+    g = through.scratch
+    astar.search(through.weight, begin[0] * wide + begin[1], astar.NOWHERE, through.marks[:, :0], g)
+    costs = np.where(g < 0, -g.astype(np.int64) - 1, g)
+    costs[around.region.ravel() != wanted] = astar.UNSEEN
+    out = int(costs.argmin())
+    if costs[out] == astar.UNSEEN:
+        text = f"no way leads from {_shown(start)}, which is kept out of, to {_shown(goal)}"
+        raise RouteError("unreachable", text, "goal")
+    edge = _centre(around, out // wide, out % wide)
+    first, rest = plan(through, start, edge, limits), plan(around, edge, goal, limits)
+    return PlannedRoute(
+        start, np.vstack((first.waypoints, rest.waypoints)), first.length + rest.length, first.cost + rest.cost,
+        min(first.clearance, rest.clearance),
+    )  # fmt: skip
+
+
 def _checked(point: Point, field: str) -> Point:
     if len(point) != 2 or not all(math.isfinite(value) and abs(value) <= FARTHEST for value in point):
         raise RouteError("bad_point", f"{field} is two finite coordinates within {FARTHEST:g} m, got {point!r}", field)

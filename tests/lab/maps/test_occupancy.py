@@ -37,3 +37,18 @@ def test_a_robot_without_room_is_a_problem_and_one_of_more_than_200_cells_is_ref
     assert summary_of(path, 5.0).problems == ("a robot with a radius of 5 m stands nowhere",)
     with pytest.raises(FieldError, match="allowed is 0 to 10 m"):
         summary_of(path, 10.1)
+
+
+def test_keepout_zones_part_the_floor_of_a_map(tmp_path):
+    path = room(tmp_path, 0.05)
+    zone = " - {name: a, type: keepout, polygon: [[-9, 0.4], [9, 0.4], [9, 0.6], [-9, 0.6]]}\n"
+    slow = " - {name: b, type: speed_limit, speed_limit: 20, polygon: [[0, 0], [1, 0], [1, 1]]}\n"
+    alone = tmp_path / "zones.yaml"
+    alone.write_text(f"zones:\n{zone}{slow}", encoding="utf-8")
+    assert summary_of(alone).facts == {"kind": "zones", "keepout": ["a"], "speed_limits": ["b"]}
+    before = summary_of(path, 0.05).facts
+    path.write_text(path.read_text(encoding="utf-8") + f"zones:\n{zone}", encoding="utf-8")
+    after = summary_of(path, 0.05).facts
+    assert after["keepout"] == ["a"]
+    assert "keepout" not in before
+    assert (before["regions"], after["regions"]) == (1, 2)

@@ -54,6 +54,8 @@ class Stroller:
             self._wait = START_S
         forward, turn = order.distance or 0.0, order.angle or 0.0
         seconds = STEPS_S * max(1.0, abs(turn) / 0.41) if order.action == "turn" else STEPS_S
+        if order.velocity is not None:
+            seconds = abs(forward) / order.velocity
         total = rest + seconds
         self._rate = ((self._rate[0] * rest + forward) / total, (self._rate[1] * rest + turn) / total)
         self._left = total
