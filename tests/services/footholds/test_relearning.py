@@ -154,3 +154,20 @@ def test_a_set_share_of_choices_explores_and_never_what_cannot_be_stepped_on(tmp
     explored = [leg for reply in replies if reply.explored for leg in reply.legs]
     assert {leg.status for leg in explored} <= {"ok", "raise_trunk"}
     assert len({leg.foothold for leg in explored}) > 20
+
+
+def test_stances_of_a_leg_with_a_faulty_sensor_are_left_out_and_counted(tmp_path: Path) -> None:
+    """Six sound outcomes between others of 18 mm make the model that the six alone make."""
+    models = []
+    for faulty in (False, True):
+        one = service(made(tmp_path))
+        for k in range(6 + LAG):
+            found = (outcome(k),) if k < 6 else ()
+            bad = (outcome(10 + k, 0.018, healthy=False),) if faulty and k < 6 else ()
+            one.select(asked("lf", tick=50 * k, outcomes=(*bad, *found)))
+        told = one.use_model(ModelRequest())
+        assert told.outcomes == 6
+        assert told.refused == ({"unhealthy": 6} if faulty else {})
+        assert told.model == "made/306+1"
+        models.append(one.select(asked("lf", tick=999)))
+    assert models[0] == models[1]

@@ -42,3 +42,13 @@ def test_outcomes_that_nobody_takes_do_not_pile_up() -> None:
         choose(outcomes, "lf", 0.1 * k)
         outcomes.ended("lf", 0.0)
     assert len(outcomes.take()) == MOST
+
+
+def test_a_stance_with_a_faulty_sensor_is_marked_and_the_next_is_not() -> None:
+    outcomes = Outcomes()
+    for x in (0.1, 0.2, 0.3):
+        choose(outcomes, "lf", x)
+        outcomes.ended("lf", 0.01, healthy=x != 0.2)
+    choose(outcomes, "lf", 0.4)
+    outcomes.ended("lf", 0.001)
+    assert [(each.nominal[0], each.healthy) for each in outcomes.take()] == [(0.1, False), (0.2, True), (0.3, True)]

@@ -131,3 +131,14 @@ def test_feet_in_odom_are_those_of_the_description() -> None:
         centres, kinematics.foot_positions_of(robot.model, rot, pos) @ turn.T + begin, atol=1e-12
     )
     np.testing.assert_allclose(rots, [turn @ rot[k] for k in robot.model.foot_link], atol=1e-12)
+
+
+def test_a_stance_is_sound_unless_its_leg_is_faulty_when_it_ends() -> None:
+    centres, turns, contacts = stance(np.array([0.01, 0.0, 0.0]), np.zeros(3))
+    for at, faulty, sound in ((-1, [True, False], False), (-1, [False, True], True), (3, [True, True], True)):
+        meter, ended = StanceSlip(2, RADIUS), list[FinishedStance]()
+        for i, (centre, turn, contact) in enumerate(zip(centres, turns, contacts, strict=True)):
+            both, rots = np.stack((centre, np.zeros(3))), np.stack((matrix_from_rotvec(turn), np.eye(3)))
+            now = np.array(faulty) if at < 0 or i == at else None
+            ended += meter.update(np.array([contact, False]), both, rots, now)
+        assert [each.healthy for each in ended] == [sound]
