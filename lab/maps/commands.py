@@ -1,9 +1,11 @@
-"""Commands `surefoot map build|merge|show|check`: landmark maps from recordings, and checks of map files."""
+"""Commands `surefoot map build|update|merge|show|check`: landmark maps from recordings, and checks of map files."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from surefoot.errors import InvalidField
 
 from ..cli.output import EXIT_CHECK, Json, use_json, write, write_json, write_table
 from ..cli.progress import Progress
@@ -11,6 +13,7 @@ from ..cli.progress import Progress
 if TYPE_CHECKING:
     from .build import BuiltMap
     from .summary import Summary
+    from .update import MapChange
 
 app = typer.Typer(name="map", help="Maps: landmarks from a recording, occupancy of map_server.", no_args_is_help=True)
 File = Annotated[Path, typer.Argument(help="Landmark map (.npz), or the YAML of a map_server map.")]
@@ -76,6 +79,66 @@ def _build_features(
         return
     write(f"{path}: {len(world)} features; SUREFOOT_VISION_MAP and SUREFOOT_NAVIGATOR_LANDMARKS take this file")
     write_table(("quantity", "value"), [(name.replace("_", " "), _shown(value)) for name, value in facts.items()])
+
+
+@app.command()
+def update(
+    recordings: Annotated[list[Path], typer.Argument(help="MCAP recordings of a robot that navigated by the map.")],
+    world: Annotated[Path, typer.Option("--map", "-m", help="Landmark map (.npz) that is compared with them.")],
+    out: Annotated[Path | None, typer.Option("--write", "-w", help="New map to write; without it none is.")] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="--write may replace a file, as the map itself.")] = False,
+    place_sd: Annotated[
+        float, typer.Option(min=0.001, help="Largest standard deviation of a pose that counts, m.")
+    ] = 0.1,
+    certain: Annotated[
+        float, typer.Option(min=0.5, max=1.0, help="Probability from which on a change is listed.")
+    ] = 0.99,
+    json: Json = False,
+) -> None:
+    """List the landmarks of a map that vanished or moved, and new ones, by what a robot saw that knew where it was.
+
+    The poses are those of state/pose; truth is not read.
+    """
+    use_json(json)
+    if out is not None and out.with_suffix(".npz").exists() and not replace:
+        raise InvalidField("write", f"{out.with_suffix('.npz')} exists; --replace allows to replace it")
+    with Progress(f"changes of {world.name}", reads=recordings) as progress:
+        from surefoot.services.navigator.belief.landmark_files import load, save
+        from surefoot.services.vision.feature_map import has_features
+
+        from .sightings import read_sure
+        from .update import changes_of
+
+        old = load(world)
+        if has_features(world):
+            text = f"{world} is a map of image features; build one of the new recording and merge them"
+            raise InvalidField("map", text)
+        seen = read_sure(recordings, place_sd, progress.part(0.0, 0.9))
+        found = changes_of(old, seen, f"{world.name}, {', '.join(path.name for path in recordings)}", certain)
+        path = None if out is None else save(found.world, out)
+    if json:
+        write_json({
+            "map": str(world), "file": None if path is None else str(path), "landmarks": len(old),
+            "looked_at": found.looked_at, "changes": [vars(change) for change in found.changes],
+        })  # fmt: skip
+        return
+    if found.changes:
+        write_table(
+            ("change", "landmark", "x, m", "y, m", "sd, m", "looks", "seen", "probability"),
+            [_row(change) for change in found.changes],
+        )
+    write(f"{len(found.changes)} changes; {found.looked_at} of {len(old)} landmarks were looked at often enough")
+    if path is not None:
+        write(f"{path}: {len(found.world)} landmarks, version {found.world.version}")
+
+
+def _row(change: "MapChange") -> tuple[str, ...]:
+    """Return the row of a change in the table of `surefoot map update`."""
+    sd = "" if change.covariance is None else f"{(0.5 * (change.covariance[0] + change.covariance[3])) ** 0.5:.3f}"
+    return (
+        change.kind, "" if change.landmark is None else str(change.landmark), f"{change.place[0]:.3f}",
+        f"{change.place[1]:.3f}", sd, str(change.looks), str(change.seen), f"{change.probability:.4f}",
+    )  # fmt: skip
 
 
 @app.command()

@@ -63,7 +63,7 @@ def relative(options: BuildOptions, ranges: Array) -> Array:
     return np.hypot(options.range_share, options.range_sd / ranges)
 
 
-def _wrapped(angle: Array) -> Array:
+def wrapped(angle: Array) -> Array:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
@@ -75,7 +75,7 @@ def geometry(seen: Sightings, track: Index, poses: Array, places: Array) -> tupl
     """
     d = places[track] - poses[seen.frame, :2]
     q = np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-6)
-    bearing = _wrapped(seen.bearings - np.arctan2(d[:, 1], d[:, 0]) + poses[seen.frame, 2])
+    bearing = wrapped(seen.bearings - np.arctan2(d[:, 1], d[:, 0]) + poses[seen.frame, 2])
     return d, q, np.stack((seen.ranges - q, bearing), axis=1)
 
 

@@ -13,6 +13,9 @@ from surefoot.errors import SurefootError
 from surefoot.record.recording import read_recording
 from surefoot.schemas.topics import HW_LANDMARKS, STATE_ODOMETRY, STATE_POSE
 
+SURE_KEYS = (HW_LANDMARKS.key, STATE_POSE.key)
+"""Keys of a recording from which changes of a map are found."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
@@ -46,6 +49,92 @@ class Sightings:
         if sway.shape[1]:
             off += np.einsum("mik,mk->mi", self.bends[:, :, : sway.shape[1]], sway[self.frame])
         return replace(self, ranges=self.ranges - off[:, 0], bearings=self.bearings - off[:, 1])
+
+
+@dataclass(frozen=True, eq=False)
+class SureSightings:
+    """Detections of landmarks from poses in a map that were certain; n frames, m detections."""
+
+    poses: Array
+    """Pose of base_link at each frame, x, y in m and heading in rad, frame map, (n, 3)."""
+    covs: Array
+    """Covariance of each pose, m and rad, (n, 3, 3)."""
+    look: NDArray[np.int64]
+    """Number of the second in which each frame was made, from 0 on over all recordings, (n,)."""
+    frame: NDArray[np.int64]
+    """Index of the frame of each detection, (m,)."""
+    ranges: Array
+    """Distance of each detection from base_link along the floor, m, (m,)."""
+    bearings: Array
+    """Direction of each detection against the heading of base_link, rad, left positive, (m,)."""
+    looks: Array
+    """Descriptor of each detection, k numbers, (m, k)."""
+
+    @property
+    def points(self) -> Array:
+        """Place of each detection by the pose of its frame, (m, 2) m, frame map."""
+        x, y, heading = self.poses[self.frame].T
+        angle = heading + self.bearings
+        return np.stack((x + self.ranges * np.cos(angle), y + self.ranges * np.sin(angle)), axis=1)
+
+    @property
+    def plain(self) -> Sightings:
+        """The detections without covariances."""
+        return Sightings(self.poses, self.frame, self.ranges, self.bearings, self.looks, STATE_POSE.key)
+
+
+def read_sure(paths: list[Path], place_sd: float, progress: Callable[[float], None] | None = None) -> SureSightings:
+    """Return the detections of recordings from the poses of the navigator where these were certain.
+
+    Poses between two messages of `state/pose` are interpolated. Of each recording the last epoch counts.
+
+    Args:
+        paths: MCAP files.
+        place_sd: largest standard deviation of a pose along any direction, m, for its frame to count.
+        progress: gets the share that is read.
+
+    Raises:
+        SurefootError: a file cannot be read, or none holds detections from certain poses, or descriptors differ in
+            length.
+    """
+    poses, covs, seconds = list[Array](), list[Array](), list[int]()
+    number, marks, first = list[int](), list[Any](), 0
+    for done, path in enumerate(paths):
+        part = None if progress is None else lambda share, done=done: progress((done + share) / len(paths))
+        items: list[tuple[int, str, Any]] = [
+            (item.stamp_ns, item.key, item.message()) for item in read_recording(path, SURE_KEYS, part)
+        ]
+        epoch = max((message.epoch for _, _, message in items), default=0)
+        items = [item for item in items if item[2].epoch == epoch]
+        believed = [(stamp, m) for stamp, key, m in items if key == STATE_POSE.key and m.initialised]
+        if not believed:
+            continue
+        stamps = np.array([stamp for stamp, _ in believed])
+        where = np.array([message.pose for _, message in believed])
+        where[:, 2] = np.unwrap(where[:, 2])
+        for stamp, key, message in items:
+            at = int(np.searchsorted(stamps, stamp, side="right")) - 1
+            if key != HW_LANDMARKS.key or at < 0 or believed[at][1].lost:
+                continue
+            cov = np.array(believed[at][1].covariance).reshape(3, 3)
+            if float(np.linalg.eigvalsh(cov[:2, :2])[-1]) > place_sd**2:
+                continue
+            number += [len(poses)] * len(message.landmarks)
+            marks += message.landmarks
+            poses.append(np.array([np.interp(stamp, stamps, where[:, i]) for i in range(3)]))
+            covs.append(cov)
+            seconds.append(first + int((stamp - stamps[0]) // 1_000_000_000))
+        first = 1 + max(seconds, default=-1)
+    lengths = {len(mark.descriptor) for mark in marks}
+    if len(lengths) != 1 or lengths == {0}:
+        problem = f"descriptors of {sorted(lengths)} numbers" if marks else "no detections from certain poses"
+        text = f"{', '.join(map(str, paths))}: {problem}; {STATE_POSE.key} and {HW_LANDMARKS.key} are needed"
+        raise SurefootError("no_landmarks", text)
+    return SureSightings(
+        np.array(poses), np.array(covs), np.array(seconds, dtype=np.int64), np.array(number, dtype=np.int64),
+        np.array([mark.range for mark in marks]), np.array([mark.bearing for mark in marks]),
+        np.array([mark.descriptor for mark in marks]),
+    )  # fmt: skip
 
 
 def read_sightings(path: Path, progress: Callable[[float], None] | None = None) -> Sightings:
