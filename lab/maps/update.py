@@ -231,8 +231,9 @@ class _Seeing:
         key = owner[owner >= 0] * (1 + int(self.seen.look.max())) + self.seen.look[self.seen.frame[owner >= 0]]
         shown = np.isin(look, key)
         each = np.where(shown, np.log(np.clip(chance, 5.0 * CHANCE, 1.0)), np.log1p(-np.minimum(chance, 0.9)))
-        there = np.stack([np.bincount(at, row, len(places)) for row in each])
-        absent = np.bincount(at, np.where(shown, np.log(CHANCE), np.log1p(-CHANCE)), len(places))
+        there = np.stack([np.bincount(at, row, len(places)) for row in each]).astype(np.float64)
+        absent = np.where(shown, np.log(CHANCE), np.log1p(-CHANCE))
+        absent = np.bincount(at, absent, len(places)).astype(np.float64)
         able = chance[0] >= 0.1
         return _Odds(absent, there, np.bincount(at[able], minlength=len(places)), weights)
 

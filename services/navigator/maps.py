@@ -24,6 +24,8 @@ FARTHEST = 1e4
 """Largest distance of a goal from the origin of the map, m; a farther one is refused."""
 DETOUR = 1.0
 """Length, m, by which a way around all marks may be longer than that around sure ones; else the latter is taken."""
+NAMED = 5
+"""Largest number of keepout zones that a refusal names."""
 INSIDE = 0.8
 """Part of the robot's radius within which a marked cell or a keepout zone blocks a route; below 1, as routes pass at
 that radius."""
@@ -261,7 +263,7 @@ class Maps:
         except RouteError as error:
             name, apart = kept.nearest(place)
             if error.code == "unreachable":
-                text = f"{error.message}; it keeps out of {', '.join(kept.names)}"
+                text = f"{error.message}; it keeps out of {', '.join(kept.names[:NAMED])}"
                 raise RouteError("unreachable", text, error.field or "goal", error.nearest) from None
             if error.code != "blocked" or error.field != "goal" or apart > self._clearance.radius:
                 raise
