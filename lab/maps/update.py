@@ -33,7 +33,7 @@ SDS = 4.0
 CHANCE = 0.02
 """Probability that a look shows a landmark that is not there."""
 SHARES, WEIGHTS = np.array([1.0, 0.5, 0.25]), np.array([0.7, 0.2, 0.1])
-"""How well a landmark is recognised, as a share of the others, and the probability of each before any look."""
+"""Recognition of a landmark as a share of the others, and the probability of each share before any look."""
 FIRM, STEPS = 5.0, 20
 """`FIRM`: number of landmarks as which `WEIGHTS` count beside those of the map; `STEPS`: of their improvement."""
 RARE, ELSEWHERE = 0.02, 0.9
@@ -173,7 +173,7 @@ def _sights(world: FloorLandmarks, seen: SureSightings, limit: float) -> tuple[I
 
 
 class _Seeing:
-    """What the frames of a recording show of the floor: how often landmarks in each part of the picture are seen.
+    """Share of the landmarks in each part of the picture that the frames of a recording show.
 
     Args:
         seen: detections and poses.
