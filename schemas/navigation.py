@@ -22,6 +22,11 @@ RESULTS = 4
 """Number of most recently ended goals whose results the navigator's feedback carries."""
 
 
+def absent(value: object) -> bool:
+    """Return True for null: such a field is left out, so that messages without it are those of earlier versions."""
+    return value is None
+
+
 class PoseBelief(Message):
     """The pose of the robot in the map: estimate, covariance, drift, and a check of the estimate."""
 
@@ -61,6 +66,16 @@ class Decision(Wire):
     entropy: float = Field(description="nats, entropy of the pose at the decision")
 
 
+class GoalProgress(Wire):
+    """Progress of a goal with several places or rounds, or of one that is paused."""
+
+    place: int = Field(ge=1, description="number of the place that is walked to, 1 = the first")
+    places: int = Field(ge=1, description="number of places")
+    loop: int = Field(default=1, ge=1, description="number of the round over the places, 1 = the first")
+    loops: int = Field(default=1, ge=0, description="number of rounds; 0 = until cancelled")
+    paused: bool = Field(default=False, description="the robot stands until the goal is resumed")
+
+
 class GoalResult(Wire):
     """Result of a goal that has ended; each goal that began gets one."""
 
@@ -71,15 +86,18 @@ class GoalResult(Wire):
     reason: str = Field(description="in words")
     pose: FloorPose = Field(description="believed pose at the end")
     covariance: Covariance3
-    navigation_time: float = Field(ge=0, description="s from its begin to its end")
+    navigation_time: float = Field(ge=0, description="s from its begin to its end, pauses included")
     number_of_recoveries: int = Field(default=0, ge=0, description="number of recoveries")
     missed_waypoints: tuple[int, ...] = Field(default=(), description="indices of places that were given up")
+    progress: GoalProgress | None = Field(
+        default=None, exclude_if=absent, description="where it ended, as in `NavigationFeedback`"
+    )
 
 
 class NavigationFeedback(Message):
     """Progress of the present goal, or of the last one; names as in Nav2."""
 
-    schema_version: ClassVar[str] = "2.0"
+    schema_version: ClassVar[str] = "2.1"
     state: GoalState = Field(description="state of the goal")
     goal_id: str = Field(default="", description="name of the present or last goal, empty = none yet")
     policy: str = Field(default="", description="name of the policy")
@@ -98,6 +116,11 @@ class NavigationFeedback(Message):
     error_code: GoalError = Field(default="", description="why the goal failed; empty = it has not")
     error_msg: str = Field(default="", description="why the goal failed, in words")
     results: tuple[GoalResult, ...] = Field(default=(), description="of the last four goals, the last one last")
+    progress: GoalProgress | None = Field(
+        default=None,
+        exclude_if=absent,
+        description="of a goal with several places or rounds, or paused; left out = of another",
+    )
 
 
 class GotoRequest(Request):
@@ -124,12 +147,19 @@ class GotoRequest(Request):
 
 
 class WaypointsRequest(Request):
-    """Send the robot to several places, one after the other."""
+    """Send the robot to several places, one after the other, once or round after round."""
 
-    schema_version: ClassVar[str] = "1.1"
+    schema_version: ClassVar[str] = "1.2"
     positions: Annotated[tuple[Vec2, ...], Field(min_length=1, max_length=MAX_WAYPOINTS)] = Field(
         description="m, frame map"
     )
+    yaws: Annotated[tuple[float | None, ...], Field(max_length=MAX_WAYPOINTS)] = Field(
+        default=(), description="rad, heading at each place, null = any; empty = any everywhere"
+    )
+    yaw_goal_tolerance: float | None = Field(
+        default=None, gt=0, le=3.1416, description="rad, largest error of these headings; null = that of the model"
+    )
+    loops: int = Field(default=1, ge=0, le=1_000_000, description="rounds over the places; 0 = until cancelled")
     policy: str | None = Field(default=None, max_length=256, description="name or file of a policy; null = configured")
     goal_id: str | None = Field(default=None, max_length=64, description="name of the goal; null = made up")
     xy_goal_tolerance: float | None = Field(
@@ -159,6 +189,14 @@ class CancelRequest(Request):
     at_tick: int | None = Field(
         default=None, ge=0, description="tick it takes effect in (reproducible); null = the next one"
     )
+
+
+class PauseGoalRequest(CancelRequest):
+    """Pause the present goal: the robot stands, and no time limit of the goal runs."""
+
+
+class ResumeGoalRequest(CancelRequest):
+    """Resume the goal that is paused."""
 
 
 class SetPoseRequest(Request):

@@ -125,6 +125,12 @@ NAVIGATOR_WAYPOINTS = Query(
 NAVIGATOR_CANCEL = Query(
     "navigator/cancel", navigation.CancelRequest, navigation.NavigatorReply, "navigator", acts=True
 )
+NAVIGATOR_PAUSE = Query(
+    "navigator/pause", navigation.PauseGoalRequest, navigation.NavigatorReply, "navigator", acts=True
+)
+NAVIGATOR_RESUME = Query(
+    "navigator/resume", navigation.ResumeGoalRequest, navigation.NavigatorReply, "navigator", acts=True
+)
 NAVIGATOR_SET_POSE = Query(
     "navigator/set_pose", navigation.SetPoseRequest, navigation.NavigatorReply, "navigator", acts=True
 )

@@ -92,6 +92,7 @@ INDEX: dict[str, Entry] = {
     "schema": Entry("cli.schema", "", "JSON Schemas of everything on the wire, and of hand-written files."),
     "bag": Entry("bags.commands", "", "Recordings (MCAP): record, play, show."),
     "robot": Entry("cli.robot", "", "Robot descriptions."),
+    "goal": Entry("cli.goal", "", "The goal of the navigator: pause, resume, cancel."),
     "sim": Entry("cli.sim", "", "Simulated time: pause, step, disturb, begin anew."),
     "bridge": Entry("cli.bridge", "", "Live bridges to the programs of others."),
     "why": Entry(

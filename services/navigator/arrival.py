@@ -11,6 +11,10 @@ REACH = (0.5, 0.75)
 """Distance from the last waypoint at which a walk ends, as parts of the goal's position tolerance: for an uncertain and
 for a certain pose. Below 0.5 steps of 0.1 m overshoot; above 0.75 the closing step may leave the tolerance."""
 
+BLOCKED_SHARE = 0.25
+"""Share of the decisions without progress at which a near echo forbade walking, from which on a stuck goal ends as
+blocked."""
+
 
 def spread(cov: Array) -> float:
     """Return the largest standard deviation of the position in any direction, m.
@@ -108,3 +112,14 @@ def arrival(goal: NavigationGoal, mean: Array, cov: Array, sure: float) -> End:
         off += f" and {math.degrees(math.sqrt(max(0.0, float(cov[2, 2])))):.0f} deg"
         asked += f" and {math.degrees(goal.yaw_tolerance):.0f} deg"
     return ("failed", "arrived_unsure", f"{text}, with a deviation of {off}; surely within {asked} was asked for")
+
+
+def stalled(goal: NavigationGoal, stuck: float) -> End:
+    """Return the end of a goal whose last place did not come nearer in `stuck` s: stuck or blocked, with the reason."""
+    (blocked, decisions), routes = goal.since, goal.recoveries["replan"]
+    text, close = f"no progress towards the goal for {stuck:g} s", blocked >= BLOCKED_SHARE * decisions
+    if close:
+        text += f", with an obstacle close ahead in {blocked} of {decisions} decisions"
+    elif routes:
+        text += f", on {routes} routes around what the map does not know"
+    return "failed", "blocked" if close or routes else "stuck", text

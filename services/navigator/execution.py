@@ -96,9 +96,13 @@ class Execution:
         self.pieces = [piece for piece in self.pieces if piece.done < 1.0]
         return moved
 
-    def rest(self) -> list[Motion]:
-        """Return the motions of the actions under way that are still to come."""
-        return [piece.motion.part(1.0 - piece.done) for piece in self.pieces]
+    def rest(self) -> Motion:
+        """Return the motion of the actions under way that is still to come."""
+        total = Motion()
+        for piece in self.pieces:
+            left = piece.motion.part(1.0 - piece.done)
+            total = Motion(*(a + b for a, b in zip(vars(total).values(), vars(left).values(), strict=True)))
+        return total
 
     def stop(self) -> None:
         """Drop the actions under way: the robot halts, or another client commands it."""

@@ -10,6 +10,7 @@ from surefoot.schemas.navigation import GoalState
 from surefoot.schemas.state import GaitState
 
 from .belief.tracker import Motion
+from .belief.ukf import wrap
 from .planning.grid import Point
 from .policy.settings import Conduct
 
@@ -104,7 +105,7 @@ class NavigationGoal:
     backs: int = 0
     """Number of steps back since the last walk ahead."""
     turns: int = 0
-    """Number of turns to the wanted final heading so far."""
+    """Number of turns to the wanted heading at the present waypoint so far."""
     start: Point | None = None
     """Believed position of the robot when the goal began, x, y in m, frame map; None = not recorded."""
     asked: str | None = None
@@ -118,7 +119,21 @@ class NavigationGoal:
     yaw_tolerance: float = Conduct().yaw_goal_tolerance
     """Largest error of the requested final heading at which the goal succeeds, rad."""
     timeout: float | None = None
-    """Time after the beginning of the goal at which it ends unreached, s; None = no limit."""
+    """Time after the beginning of the goal, pauses left out, at which it ends unreached, s; None = no limit."""
+    yaws: tuple[float | None, ...] = ()
+    """Wanted heading at each place, rad, frame map, None = any; empty = `yaw` at the last waypoint is all."""
+    loops: int = 1
+    """Number of rounds over the places; 0 = until the goal is cancelled."""
+    loop: int = 1
+    """Number of the present round, from 1."""
+    reached: int = 0
+    """Number of places that were reached in the present round."""
+    paused_at: float | None = None
+    """Simulated time since which the goal is paused, s; None = it is not."""
+    paused: float = 0.0
+    """Time that the goal spent in earlier pauses, s."""
+    since: list[int] = field(default_factory=lambda: [0, 0])
+    """Number of decisions without progress: those that a near echo restricted to turns, and all."""
 
     def __post_init__(self) -> None:
         self.places = self.places or self.route
@@ -126,9 +141,14 @@ class NavigationGoal:
             self.ends = tuple(range(len(self.route)))
 
     @property
+    def final(self) -> bool:
+        """True in the last round over the places."""
+        return 0 < self.loops <= self.loop
+
+    @property
     def at_last(self) -> bool:
-        """True if the present waypoint is the last one."""
-        return self.index >= len(self.route) - 1
+        """True if the present waypoint is the last one of the last round."""
+        return self.final and self.index >= len(self.route) - 1
 
     @property
     def place(self) -> int:
@@ -140,9 +160,51 @@ class NavigationGoal:
         """True after a wait of `PATIENCE` until a way was planned through places where something may be."""
         return self.waited >= PATIENCE and not self.dared
 
+    def active(self, now: float) -> float:
+        """Return the time that the goal has been under way without its pauses until the simulated time `now`, s."""
+        return (now if self.paused_at is None else self.paused_at) - self.began - self.paused
+
+    def unpause(self, now: float) -> None:
+        """End the pause at the simulated time `now`, s; the time of the pause counts against no limit."""
+        if self.paused_at is not None:
+            span, self.paused_at = now - self.paused_at, None
+            self.paused += span
+            self.nearest_at, self.least_at = self.nearest_at + span, self.least_at + span
+
+    def off_heading(self, heading: float) -> float:
+        """Return the turn from a heading to the one wanted at the present waypoint, rad, left positive; 0 = any.
+
+        `heading`: rad, frame map.
+        """
+        wanted = self.yaws[self.place] if self.yaws and self.index in self.ends else None
+        wanted = self.yaw if self.at_last else wanted
+        return 0.0 if wanted is None else float(wrap(wanted - heading))
+
+    def pass_on(self, now: float, heading: float) -> None:
+        """Advance from a waypoint that is not the last; its place is missed if the heading is beyond the tolerance.
+
+        `now`: simulated time, s; `heading`: believed, rad, frame map.
+        """
+        if self.index in self.ends and abs(self.off_heading(heading)) > self.yaw_tolerance:
+            self.miss()
+        elif self.index in self.ends:
+            self.reached += 1
+        self.go_on(now)
+
+    def miss(self) -> None:
+        """Count the present place as missed, once however many rounds miss it."""
+        if self.place not in self.missed:
+            self.missed.append(self.place)
+
+    def begin_round(self, now: float) -> None:
+        """Begin the next round over the places, whose route is planned, at the simulated time `now`, s."""
+        self.loop, self.index, self.reached = self.loop + 1, -1, 0
+        self.least, self.least_at = FAR, now
+        self.go_on(now)
+
     def give_up(self, now: float) -> None:
         """Skip the place that is walked to, count it as missed, and walk to the next waypoint from `now`, s, on."""
-        self.missed.append(self.place)
+        self.miss()
         self.index = self.ends[self.place]
         self.least, self.least_at = FAR, now
         self.go_on(now)
@@ -155,6 +217,8 @@ class NavigationGoal:
             now: simulated time, s.
         """
         done, at = self.ends[: self.place], self.index
+        if self.yaws:  # a place twice in a row is another heading there
+            ways = tuple(way or (place,) for way, place in zip(ways, self.places[self.place :], strict=True))
         self.route = (*self.route[:at], *(point for way in ways for point in way))
         ends = [at - 1 + sum(len(way) for way in ways[: i + 1]) for i in range(len(ways))]
         self.ends = (*done, *ends)
@@ -192,12 +256,14 @@ class NavigationGoal:
         """
         json.dumps(self.kept(), allow_nan=False)
         last, ends = len(self.route) - 1, self.ends
-        if last < 0 or len(ends) != len(self.places) or [*ends] != sorted({*ends, last}) or ends[0] < 0:
+        if last < 0 or len(ends) != len(self.places) or [0, *ends, last] != sorted([0, *ends, last]) or ends[-1] < last:
             raise ValueError(
                 f"its {len(self.places)} places end at {ends}, allowed are waypoints until the last, {last}"
             )
         if not 0 <= self.index <= last + 1:
             raise ValueError(f"it is at waypoint {self.index}, allowed are 0 to {last + 1}")
+        if len(self.yaws) not in (0, len(self.places)) or self.loops < 0 or self.loop < 1:
+            raise ValueError(f"it has {len(self.yaws)} headings and is in round {self.loop} of {self.loops}")
 
     def kept(self) -> dict[str, Any]:
         """Return the fields of the goal as JSON values; an infinite `nearest` becomes 1e9 m."""
@@ -206,7 +272,7 @@ class NavigationGoal:
     def go_on(self, now: float) -> None:
         """Advance to the next waypoint, from the time `now`, s, on."""
         self.index += 1
-        self.nearest, self.nearest_at, self.looks = math.inf, now, 0
+        self.nearest, self.nearest_at, self.looks, self.turns = math.inf, now, 0, 0
 
     @property
     def waypoint(self) -> Point:

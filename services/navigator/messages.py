@@ -3,12 +3,13 @@
 import math
 from dataclasses import dataclass
 
-from surefoot.schemas.navigation import GoalResult, MotionOrder, NavigationFeedback, PoseBelief
+from surefoot.schemas.navigation import GoalProgress, GoalResult, MotionOrder, NavigationFeedback, PoseBelief
 from surefoot.schemas.state import SeenLandmarks
 
 from .belief.relocalise import between
 from .belief.tracker import Control, PoseTracker
 from .belief.ukf import Pose, wrap
+from .goals import NavigationGoal
 from .pilot import Pilot
 
 
@@ -83,7 +84,8 @@ def feedback_message(pilot: Pilot, pose: Pose, now: float, results: tuple[GoalRe
     left = goal.left(pose[0], pose[1]) if under_way else 0.0
     whole = goal.left(*goal.start) if goal.start is not None else left
     walked = abs(whole - left)
-    remaining = elapsed * left / walked if under_way and walked > 0.2 and elapsed > 0.0 else None
+    active = goal.active(now) if under_way else 0.0
+    remaining = active * left / walked if walked > 0.2 and active > 0.0 else None
     return NavigationFeedback(
         state=pilot.state,
         goal_id=goal.id,
@@ -103,7 +105,17 @@ def feedback_message(pilot: Pilot, pose: Pose, now: float, results: tuple[GoalRe
         error_code=pilot.error,  # pyright: ignore[reportArgumentType] - one of the literals, set in the pilot
         error_msg=pilot.message if pilot.error else "",
         results=results,
+        progress=progress_of(goal),
     )  # fmt: skip
+
+
+def progress_of(goal: NavigationGoal) -> GoalProgress | None:
+    """Return where in its places and rounds a goal is; None for one of one place and one round that is not paused."""
+    paused = goal.paused_at is not None
+    if len(goal.places) == 1 and goal.loops == 1 and not paused:
+        return None
+    at = min(goal.place, len(goal.places) - 1) + 1
+    return GoalProgress(place=at, places=len(goal.places), loop=goal.loop, loops=goal.loops, paused=paused)
 
 
 def _bearing(place: tuple[float, float], pose: Pose) -> float:

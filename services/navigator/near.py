@@ -1,13 +1,12 @@
 """Recovery from something too close to the robot: a step back, or a stand before it for a while."""
 
 import math
-from dataclasses import replace
 
 from surefoot.arrays import Array
 
 from .goals import Act, NavigationGoal
 from .maps import Maps
-from .orders import straight
+from .orders import straight, walked
 from .policy.settings import Conduct
 
 CLOSE_S = 0.5
@@ -73,8 +72,8 @@ def step_back(acts: tuple[Act, ...], mean: Array, ways: Maps | None) -> Act | No
         ways: obstacles; None = there are none.
     """
     act, (x, y, heading) = straight(acts), mean[:3].tolist()
-    room, m = BACK_ROOM * act.motion.forward, act.motion
+    room = BACK_ROOM * act.motion.forward
     behind = (x - room * math.cos(heading), y - room * math.sin(heading))
     if ways is not None and not ways.enterable((x, y), behind):
         return None
-    return replace(act, name="back", motion=replace(m, forward=-m.forward, walked=-m.walked, turn=0.0))
+    return walked(acts, "back", -act.motion.forward)

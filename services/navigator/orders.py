@@ -120,3 +120,31 @@ def command_of(act: Act) -> WalkCommand:
 def straight(acts: tuple[Act, ...]) -> Act:
     """Return the action that walks ahead with the least turn."""
     return min((act for act in acts if act.kind == "walk"), key=lambda act: abs(act.motion.turn))
+
+
+def turned(acts: tuple[Act, ...], name: str, angle: float) -> Act:
+    """Return a turn on the spot by an angle, with noise and time of the model's turns.
+
+    Args:
+        acts: actions of the robot.
+        name: name of the action.
+        angle: angle of the turn, rad, left positive.
+    """
+    one = next(act for act in acts if act.kind == "turn")
+    times = abs(angle / one.motion.turn)
+    motion = replace(one.motion.part(times), turn=angle)
+    return Act(name, "turn", motion, one.duration * max(1.0, times))
+
+
+def walked(acts: tuple[Act, ...], name: str, distance: float) -> Act:
+    """Return a straight walk of a distance, with noise and time of the model's walk.
+
+    Args:
+        acts: actions of the robot.
+        name: name of the action.
+        distance: length, m, negative = backward.
+    """
+    act = straight(acts)
+    times = abs(distance / act.motion.forward)
+    motion = replace(act.motion.part(times), forward=distance, walked=distance, turn=0.0)
+    return Act(name, "walk", motion, act.duration * max(1.0, times))

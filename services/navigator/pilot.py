@@ -6,27 +6,21 @@ the walker goes on without a halt. Where the walker does not publish the end of 
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 from surefoot.arrays import Array
-from surefoot.errors import Refusal
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.navigation import Decision, GoalState
 
-from .arrival import arrival, reach, sure_of_place
-from .belief.tracker import Motion, PoseTracker
-from .belief.ukf import wrap
+from .arrival import arrival, reach, stalled, sure_of_place
+from .belief.tracker import PoseTracker
 from .goals import Act, End, GaitView, NavigationGoal, Point
 from .maps import Maps
 from .near import Near
-from .orders import Orders, command_of, straight
+from .orders import Orders, command_of, turned
 from .policy.decider import Decider
 from .policy.settings import Conduct
+from .rerouting import Rerouting
 from .searching import Aside, Search, no_way
-
-BLOCKED_SHARE = 0.25
-"""Share of the decisions without progress at which a near echo forbade walking, from which on a stuck goal ends as
-blocked."""
 
 
 class Pilot:
@@ -67,10 +61,7 @@ class Pilot:
         self._halting: End | None = None
         self._search = Search(self, self.conduct, aside)
         self._near = Near(acts, self.conduct, ways)
-        self._since = [0, 0]
-        """Number of decisions without progress: those that a near echo restricted to turns, and all."""
-        self._waiting: float | None = None
-        """Simulated time of the last decision at which no path led around an obstacle, s; None = the path is open."""
+        self._rerouting = Rerouting(self.conduct, ways)
 
     # -- goals -------------------------------------------------------------------------------------------------
 
@@ -83,7 +74,12 @@ class Pilot:
         goal.nearest_at, goal.least_at = max(goal.nearest_at, goal.began), max(goal.least_at, goal.began)
         self.state, self.error, self.message = "navigating", "", ""
         self.decision, self._halting = None, None
-        self._since, self._waiting = [0, 0], None
+        goal.since = [0, 0]
+        self._set_out()
+
+    def _set_out(self) -> None:
+        """Forget waits and searches, at the begin of a goal and after a pause."""
+        self._rerouting.begin()
         self._search.begin()
         self._near.begin()
 
@@ -94,7 +90,7 @@ class Pilot:
 
     @property
     def end(self) -> End:
-        """Outcome of the goal (state, error code, message): the one due once the robot stands, else the present one."""
+        """Outcome of the goal (state, error code, message): the one due once the robot stands, else the present."""
         return self._halting or (self.state, self.error, self.message)
 
     def resume(self, goal: NavigationGoal, decider: Decider, state: GoalState, end: End) -> None:
@@ -109,6 +105,8 @@ class Pilot:
         self.begin(goal, decider)
         if state == "stopping":
             self.halt(*end)  # again: that order may have been lost
+        elif state == "navigating" and goal.paused_at is not None:
+            self.stop()  # likewise
         elif state != "navigating":
             self._finish(end)
 
@@ -119,10 +117,28 @@ class Pilot:
         self.halt("cancelled", "cancelled", "cancelled by request")
         return True
 
+    def pause(self) -> bool:
+        """Let the robot stand until `go_on`; return False where no goal is under way that is not paused."""
+        if self.goal is None or self.state != "navigating" or self.goal.paused_at is not None:
+            return False
+        self.goal.paused_at = self._now
+        self.stop()
+        return True
+
+    def go_on(self) -> bool:
+        """Continue a paused goal; return False where there is none."""
+        if self.goal is None or self.state != "navigating" or self.goal.paused_at is None:
+            return False
+        self.goal.unpause(self._now)
+        self._set_out()
+        return True
+
     def halt(self, state: GoalState, error: str, message: str) -> None:
         """Order a stop; the goal has the given end (state, error code, message) as soon as the robot stands."""
         self._halting = (state, error, message)
         self.state = "stopping"
+        if self.goal is not None:
+            self.goal.unpause(self._now)
         self._give(WalkCommand(action="stop"), None)
 
     def fail(self, error: str, message: str) -> None:
@@ -178,7 +194,7 @@ class Pilot:
         if failure is not None:
             self.fail(*failure)
             return
-        if self.state == "navigating" and goal.timeout is not None and now - goal.began > goal.timeout:
+        if self.state == "navigating" and goal.timeout is not None and goal.active(now) > goal.timeout:
             self.halt("failed", "timeout", f"not arrived after {goal.timeout:g} s")
             return
         if gait.order != self.orders.number:
@@ -187,6 +203,8 @@ class Pilot:
         if self.state == "stopping":
             if gait.state == "standing" and self._halting is not None:
                 self._stand(goal, tracker)
+            return
+        if goal.paused_at is not None:
             return
         searching = self._search.tick(
             goal, now, gait, tracker.pose[:2], blocked=blocked, lost=lost, suspected=suspected
@@ -210,20 +228,22 @@ class Pilot:
         self._frames = None
         mean, cov = self.predicted(tracker)
         distance = self._pass_waypoints(goal, now, mean, cov)
+        if distance is None:
+            return
         if goal.index >= len(goal.route):
-            self._arrive(goal, mean)
+            self._arrive(goal, now, gait, mean)
             return
         back, stand = self._near.choose(goal, now, mean)
         if back is not None:
-            self._give(command_of(back), back)
+            self.move(back)
         elif stand:
             self._stand_until = now + (gait.ends_in or 0.0) + self.conduct.look
         if back is not None or stand or not self._way_is_open(goal, now, gait, mean):
             return
-        self._since = [self._since[0] + blocked, self._since[1] + 1]
+        goal.since = [goal.since[0] + blocked, goal.since[1] + 1]
         still = goal.stalled(goal.left(float(mean[0]), float(mean[1])), now, self.conduct.progress)
         if distance < goal.nearest - self.conduct.progress:
-            goal.nearest, goal.nearest_at, self._since = distance, now, [0, 0]
+            goal.nearest, goal.nearest_at, goal.since = distance, now, [0, 0]
         if max(still, now - goal.nearest_at) > self.conduct.stuck:
             self._give_up(goal, now)
             return
@@ -238,7 +258,7 @@ class Pilot:
         self.decision = decision.model_copy(update={"number": self.decisions, "action": act.name, "reason": reason})
         if act.kind != "stand":
             goal.backs = 0 if act.kind == "walk" else goal.backs
-            self._give(command_of(act), act)
+            self.move(act)
 
     def _look(self, goal: NavigationGoal, now: float, gait: GaitView, tracker: PoseTracker) -> Act | None:
         """Stand until a frame of the standing robot comes; return the stand, None = the model has no such action."""
@@ -254,46 +274,23 @@ class Pilot:
 
         `now` in s; `mean`: believed x, y (m) in the map first, (n,).
         """
-        here = (float(mean[0]), float(mean[1]))
-        if self.ways is None or self.ways.free(here, goal.route[goal.index :]):
-            self._waiting = None
+        return self._goes_on(goal, now, gait, self._rerouting.closed(goal, now, (float(mean[0]), float(mean[1]))))
+
+    def _goes_on(self, goal: NavigationGoal, now: float, gait: GaitView, why: str) -> bool:
+        """Return True if no reason `why` closes the way at `now`, s; else wait, or end a goal that waited too long."""
+        if not why:
             return True
-        why = f"planned around obstacles {goal.recoveries['replan']} times"
-        if goal.recoveries["replan"] < self.conduct.replans:
-            why = self.replan(goal, now, here)
-            if not why:
-                goal.recoveries["replan"] += 1
-                self._waiting = None
-                return True
-        if self._waiting is None:
-            self._waiting = now
-            goal.recoveries["wait"] += 1
-        goal.waited += now - self._waiting
-        self._waiting = now
-        if goal.waited > self.conduct.wait:
+        if not self._rerouting.waits(goal, now):
             self.halt("failed", "blocked", f"something that the map does not know closes the way: {why}")
         self._stand_until = now + (gait.ends_in or 0.0) + self.conduct.look
         return False
 
     def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
-        """Plan the remaining route of a goal from a place; return the reason why that is not possible, empty = done.
+        """Plan a goal's route anew from a place; return the reason why that is not possible, empty = done.
 
-        Args:
-            goal: its waypoints are replaced.
-            now: simulated time, s.
-            here: x, y in m, frame map.
+        `now`: simulated time, s; `here`: the place, x, y in m, frame map.
         """
-        if self.ways is None:
-            return ""
-        why = ""
-        for bold in (False, True)[: 1 + goal.bold]:
-            try:
-                goal.lead(self.ways.follow(here, goal.places[goal.place :], bold=bold), now)
-                goal.dared |= bold
-                return ""
-            except Refusal as refusal:
-                why = why or refusal.message
-        return why
+        return self._rerouting.replan(goal, now, here)
 
     def predicted(self, tracker: PoseTracker) -> tuple[Array, Array]:
         """Return the belief predicted to the end of the actions under way, by their expected motion.
@@ -301,10 +298,7 @@ class Pilot:
         Returns:
             Mean (4,): x, y (m), heading (rad), frame map, drift (rad per m walked); its covariance (4, 4).
         """
-        total = Motion()
-        for motion in self.orders.execution.rest():
-            total = Motion(*(a + b for a, b in zip(vars(total).values(), vars(motion).values(), strict=True)))
-        return tracker.after(total)
+        return tracker.after(self.orders.execution.rest())
 
     def _reach(self, goal: NavigationGoal, cov: Array) -> float:
         """Return the distance of the estimate at which the present waypoint counts as reached, m.
@@ -314,8 +308,8 @@ class Pilot:
         conduct = self.conduct
         return reach(goal, cov, conduct.sure) if goal.at_last else conduct.waypoint_tolerance
 
-    def _pass_waypoints(self, goal: NavigationGoal, now: float, mean: Array, cov: Array) -> float:
-        """Pass the waypoints that are reached; return the distance to the present one, m.
+    def _pass_waypoints(self, goal: NavigationGoal, now: float, mean: Array, cov: Array) -> float | None:
+        """Pass the waypoints that are reached; return the distance to the present one, m, None = a turn is ordered.
 
         `mean` (n,), `cov` (n, n): of x, y (m) and heading (rad) in the map first.
         """
@@ -325,31 +319,46 @@ class Pilot:
             if distance > self._reach(goal, cov) or goal.index >= len(goal.route):
                 return distance
             if not goal.at_last:
-                goal.go_on(now)
+                if self._align(goal, mean):
+                    return None
+                goal.pass_on(now, float(mean[2]))
             elif goal.looks < self.conduct.looks and not sure_of_place(goal, mean, cov, self.conduct.sure):
                 return distance
             else:
                 goal.index += 1
                 return distance
 
-    def _arrive(self, goal: NavigationGoal, mean: Array) -> None:
-        """Turn to the wanted heading at the last waypoint, then end the goal, standing on all feet.
+    def _align(self, goal: NavigationGoal, mean: Array) -> bool:
+        """Order a turn to the heading that is wanted at the present waypoint; return False if none is needed.
 
         `mean`: believed x, y (m), heading (rad) in the map first, (n,).
         """
-        error = 0.0 if goal.yaw is None else float(wrap(goal.yaw - float(mean[2])))
-        if abs(error) > 0.5 * goal.yaw_tolerance and goal.turns < self.conduct.aligning_turns:
+        error = goal.off_heading(float(mean[2]))
+        turns = abs(error) > 0.5 * goal.yaw_tolerance and goal.turns < self.conduct.aligning_turns
+        if turns:
             goal.turns += 1
-            self.turn("align", error)
+            self.move(turned(self.acts, "align", error))
+        return turns
+
+    def _arrive(self, goal: NavigationGoal, now: float, gait: GaitView, mean: Array) -> None:
+        """Turn to the wanted heading at the last waypoint and end the goal, standing, or begin its next round.
+
+        `now` in s; `mean`: believed x, y (m), heading (rad) in the map first, (n,).
+        """
+        if goal.final:
+            if not self._align(goal, mean):
+                self.halt("succeeded", "", "")  # as far as is known before the robot stands
+        elif not goal.reached:
+            self.halt("failed", "stuck", f"no place was reached in round {goal.loop}")
         else:
-            self.halt("succeeded", "", "")  # as far as is known before the robot stands
+            self._goes_on(goal, now, gait, self._rerouting.next_round(goal, now, (float(mean[0]), float(mean[1]))))
 
     def _stand(self, goal: NavigationGoal, tracker: PoseTracker) -> None:
         """End the goal of a standing robot, or continue it for another camera frame if its arrival is not certain."""
         assert self._halting is not None
-        end, sure = self._halting, self.conduct.sure
+        end = self._halting
         if end[0] == "succeeded":
-            end = arrival(goal, tracker.mean, tracker.cov, sure)
+            end = arrival(goal, tracker.mean, tracker.cov, self.conduct.sure)
             if end[1] == "arrived_unsure" and goal.looks < self.conduct.looks:
                 self.state, self._halting = "navigating", None
                 goal.index, goal.looks = len(goal.route) - 1, goal.looks + 1
@@ -358,42 +367,20 @@ class Pilot:
 
     def _give_up(self, goal: NavigationGoal, now: float) -> None:
         goal.recoveries["give_up"] += 1
-        blocked, decisions = self._since
-        if goal.place >= len(goal.places) - 1:
-            goal.missed.append(goal.place)
-            text, routes = f"no progress towards the goal for {self.conduct.stuck:g} s", goal.recoveries["replan"]
-            close = blocked >= BLOCKED_SHARE * decisions
-            if close:
-                text += f", with an obstacle close ahead in {blocked} of {decisions} decisions"
-            elif routes:
-                text += f", on {routes} routes around what the map does not know"
-            self.halt("failed", "blocked" if close or routes else "stuck", text)
+        if goal.place >= len(goal.places) - 1 and (goal.final or not goal.reached):
+            goal.miss()
+            self.halt(*stalled(goal, self.conduct.stuck))
         else:
             goal.give_up(now)
-        self._since = [0, 0]
+        goal.since = [0, 0]
 
     def stop(self) -> None:
         """Order the walker to stop; the goal stays under way."""
         self._give(WalkCommand(action="stop"), None)
 
-    def advance(self, name: str) -> float:
-        """Order the action that walks ahead with the least turn; return its length, m. `name`: for its record."""
-        act = straight(self.acts)
-        self._give(command_of(act), replace(act, name=name))
-        return act.motion.forward
-
-    def turn(self, name: str, angle: float) -> None:
-        """Order a turn on the spot by an angle, rad, left positive; noise and time are those of the model's turns.
-
-        Args:
-            name: name of the action.
-            angle: angle of the turn, rad, left positive.
-        """
-        one = next(act for act in self.acts if act.kind == "turn")
-        times = abs(angle / one.motion.turn)
-        motion = replace(one.motion.part(times), turn=angle)
-        turn = Act(name, "turn", motion, one.duration * max(1.0, times))
-        self._give(command_of(turn), turn)
+    def move(self, act: Act) -> None:
+        """Order an action that moves the robot."""
+        self._give(command_of(act), act)
 
     def _give(self, order: WalkCommand, act: Act | None) -> None:
         self.orders.give(order, act)

@@ -1,12 +1,16 @@
 """Requests of clients to the navigator: checked on arrival, carried out in a tick."""
 
 import itertools
+import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from surefoot.errors import Refusal
 from surefoot.schemas import navigation as nav
+from surefoot.schemas import topics
+from surefoot.schemas.rows import Query
 from surefoot.schemas.state import Odometry
 
 from .belief.relocalise import placed
@@ -58,20 +62,28 @@ class Requests:
             place = placed(self.localiser.map_from_odom, place)
         elif request.frame != "map":
             raise Refusal("unknown_frame", f"frame must be map or odom, got {request.frame!r}", "frame")
-        return self._accept(request, (place[:2],), "position", None if request.yaw is None else place[2])
+        return self._accept(request, (place[:2],), "position", (None if request.yaw is None else place[2],))
 
     def waypoints(self, request: nav.WaypointsRequest) -> nav.GoalReply:
-        """Accept or refuse a goal with a list of places, to be reached one after the other.
+        """Accept or refuse a goal with a list of places, to be reached one after the other, in one or more rounds.
 
         Raises:
-            Refusal: a tick that has passed, a fallen or uncalibrated robot, an unknown policy, or a place that cannot
-                be reached.
+            Refusal: another number of headings than of places, rounds over places that are one within the tolerance, a
+                tick that has passed, a fallen or uncalibrated robot, an unknown policy, or a place that cannot be
+                reached.
         """
-        return self._accept(request, request.positions, "positions", None)
+        places, yaws = request.positions, request.yaws
+        if len(yaws) not in (0, len(places)):
+            text = f"yaws are one for each of the {len(places)} positions, or none, got {len(yaws)}"
+            raise Refusal("invalid", text, "yaws")
+        least = 2.0 * self.catalogue.model.conduct.waypoint_tolerance
+        if request.loops != 1 and all(math.dist(places[0], place) <= least for place in places):
+            raise Refusal("invalid", f"rounds go over places that are more than {least:g} m apart", "loops")
+        return self._accept(request, places, "positions", yaws)
 
     def _accept(
-        self, request: nav.GotoRequest | nav.WaypointsRequest, places: tuple[nav.Vec2, ...], field: str,
-        yaw: float | None,
+        self, request: nav.GotoRequest | nav.WaypointsRequest, places: tuple[nav.Vec2, ...],
+        field: str, yaws: tuple[float | None, ...],
     ) -> nav.GoalReply:  # fmt: skip
         self._refuse_late(request.at_tick)
         if request.at_tick is None:
@@ -80,13 +92,14 @@ class Requests:
         here = self.localiser.tracker.pose[:2]
         ways = self.maps.ways(here, places, field)
         name, asked = request.goal_id or f"goal-{next(self._names)}", request.policy or self.catalogue.default
-        goal = NavigationGoal(name, (), policy.name, self.now, yaw, start=here, asked=asked, places=places)
+        goal = NavigationGoal(name, (), policy.name, self.now, start=here, asked=asked, places=places)
+        if any(yaw is not None for yaw in yaws):
+            goal.yaw, goal.yaws = yaws[-1], yaws if len(yaws) > 1 else ()
         goal.lead(ways, self.now)
         goal.xy_tolerance = request.xy_goal_tolerance or conduct.xy_goal_tolerance
         goal.timeout = request.timeout or conduct.timeout
-        goal.yaw_tolerance = conduct.yaw_goal_tolerance
-        if isinstance(request, nav.GotoRequest):
-            goal.yaw_tolerance = request.yaw_goal_tolerance or goal.yaw_tolerance
+        goal.yaw_tolerance = request.yaw_goal_tolerance or conduct.yaw_goal_tolerance
+        goal.loops = getattr(request, "loops", 1)
         self.plan(self.tick + 1 if request.at_tick is None else request.at_tick, goal)
         self._keep()
         return nav.GoalReply(accepted=True, goal_id=goal.id, route=goal.route, length=goal.left(*here))
@@ -116,13 +129,38 @@ class Requests:
 
     def cancel(self, request: nav.CancelRequest) -> nav.NavigatorReply:
         """End the present goal, at the tick that the request states, or now; the robot comes to stand on all feet."""
+        return self._change(request, self.pilot.cancel, "no goal is under way", paused=None)
+
+    def pause_goal(self, request: nav.PauseGoalRequest) -> nav.NavigatorReply:
+        """Pause the present goal, at the tick that the request states, or now; the robot comes to stand."""
+        return self._change(request, self.pilot.pause, "no goal is under way that is not paused", paused=False)
+
+    def resume_goal(self, request: nav.ResumeGoalRequest) -> nav.NavigatorReply:
+        """Resume the goal that is paused, at the tick that the request states, or now."""
+        return self._change(request, self.pilot.go_on, "no goal is paused", paused=True)
+
+    def _change(
+        self, request: nav.CancelRequest, change: Callable[[], object], why: str, *, paused: bool | None
+    ) -> nav.NavigatorReply:
+        """Accept or refuse a change of the present goal, which takes place in a tick.
+
+        Args:
+            request: its tick, and the name of the goal if it means one only.
+            change: carries it out.
+            why: reason of the refusal where no goal is there to be changed now.
+            paused: True, False = only a paused goal can be changed so, or only one that is not; None = either.
+
+        Raises:
+            Refusal: a tick that has passed.
+        """
         self._refuse_late(request.at_tick)
-        goal = self.pilot.goal
-        if request.at_tick is None and (goal is None or self.pilot.state != "navigating"):
-            return nav.NavigatorReply(accepted=False, reason="no goal is under way")
+        goal, able = self.pilot.goal, self.pilot.state == "navigating"
+        able = able and goal is not None and paused in (None, goal.paused_at is not None)
+        if request.at_tick is None and not able:
+            return nav.NavigatorReply(accepted=False, reason=why)
         if request.goal_id is not None and goal is not None and request.goal_id != goal.id:
             return nav.NavigatorReply(accepted=False, reason=f"the goal is {goal.id!r}, not {request.goal_id!r}")
-        self._schedule(request.at_tick, self.pilot.cancel)
+        self._schedule(request.at_tick, change)
         return nav.NavigatorReply(accepted=True)
 
     def set_pose(self, request: nav.SetPoseRequest) -> nav.NavigatorReply:
@@ -196,3 +234,16 @@ class Requests:
             raise Refusal("not_initialised", "the estimator has not finished its standstill calibration")
         if self.gait.state == "refused":
             raise Refusal("fallen", self.gait.reason or "the robot has fallen")
+
+
+ANSWERS: tuple[tuple[Query[Any, Any], Callable[[Requests, Any], Any]], ...] = (
+    (topics.NAVIGATOR_GOTO, Requests.goto),
+    (topics.NAVIGATOR_WAYPOINTS, Requests.waypoints),
+    (topics.NAVIGATOR_CANCEL, Requests.cancel),
+    (topics.NAVIGATOR_PAUSE, Requests.pause_goal),
+    (topics.NAVIGATOR_RESUME, Requests.resume_goal),
+    (topics.NAVIGATOR_SET_POSE, Requests.set_pose),
+    (topics.NAVIGATOR_POLICY, Requests.policy),
+    (topics.NAVIGATOR_MAP, lambda requests, _: requests.maps.message()),
+)
+"""Queries that the navigator answers, each with the handler of its request."""

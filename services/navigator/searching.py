@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from surefoot.schemas.navigation import GoalState
 
-from .goals import GaitView, NavigationGoal, Point
+from .goals import Act, GaitView, NavigationGoal, Point
+from .orders import straight, turned
 from .policy.settings import Conduct
 
 Aside = Callable[[], Point | None]
@@ -23,6 +24,9 @@ def no_way() -> Point | None:
 class Moves(Protocol):
     """Interface of the motions that a search for the robot's pose may order, and of ending its goal."""
 
+    acts: tuple[Act, ...]
+    """Actions of the robot."""
+
     def halt(self, state: GoalState, error: str, message: str) -> None:
         """Order a stop; the goal has the given end (state, error code, message) as soon as the robot stands."""
         ...
@@ -31,12 +35,8 @@ class Moves(Protocol):
         """Order the walker to stop; the goal stays under way."""
         ...
 
-    def turn(self, name: str, angle: float) -> None:
-        """Order a turn on the spot by an angle, rad, left positive; `name`: of the action."""
-        ...
-
-    def advance(self, name: str) -> float:
-        """Order the action that walks ahead with the least turn; return its length, m. `name`: of the action."""
+    def move(self, act: Act) -> None:
+        """Order an action that moves the robot."""
         ...
 
     def replan(self, goal: NavigationGoal, now: float, here: Point) -> str:
@@ -152,7 +152,7 @@ class Search:
             if way is not None:
                 goal.recoveries["walk_aside"] += 1
                 look.until, look.turns, look.walks, look.left = math.inf, 0, look.walks + 1, math.hypot(*way)
-                self.body.turn("aside", math.atan2(way[1], way[0]))
+                self.body.move(turned(self.body.acts, "aside", math.atan2(way[1], way[0])))
                 return
             self._leave(now)
             if lost:
@@ -160,7 +160,7 @@ class Search:
         elif now >= look.until:
             look.until, look.turns = math.inf, look.turns + 1
             goal.recoveries["turn_and_look"] += 1
-            self.body.turn("look", math.radians(conduct.search_turn_deg))
+            self.body.move(turned(self.body.acts, "look", math.radians(conduct.search_turn_deg)))
 
     def _advance(self, look: Look, gait: GaitView, *, blocked: bool) -> None:
         """Order the next part of the walk aside when it is due; an obstacle close ahead ends the walk."""
@@ -168,4 +168,6 @@ class Search:
         if stands and blocked:
             look.left = 0.0
         elif stands or (gait.ends_in is not None and gait.ends_in <= self.conduct.lead and not blocked):
-            look.left -= self.body.advance("aside")
+            ahead = straight(self.body.acts)
+            self.body.move(replace(ahead, name="aside"))
+            look.left -= ahead.motion.forward

@@ -8,14 +8,8 @@ from surefoot.schemas.state import Odometry
 from surefoot.schemas.topics import (
     HW_LANDMARKS,
     HW_RANGE,
-    NAVIGATOR_CANCEL,
     NAVIGATOR_FEEDBACK,
-    NAVIGATOR_GOTO,
-    NAVIGATOR_MAP,
     NAVIGATOR_ORDER,
-    NAVIGATOR_POLICY,
-    NAVIGATOR_SET_POSE,
-    NAVIGATOR_WAYPOINTS,
     STATE_GAIT,
     STATE_LANDMARKS,
     STATE_ODOMETRY,
@@ -36,7 +30,7 @@ from .messages import feedback_message, fresh_of, order_message
 from .pilot import Pilot
 from .ranging import take_range
 from .rehearsal import LARGE_SIDE, rehearse, rehearse_planning
-from .requests import Requests
+from .requests import ANSWERS, Requests
 from .results import Results
 from .zoning import restrict
 
@@ -48,9 +42,7 @@ class Navigator(Service[NavigatorConfig]):
     Config = NavigatorConfig
     inputs = (STATE_GAIT, STATE_ODOMETRY, HW_LANDMARKS, STATE_LANDMARKS, HW_RANGE, TERRAIN_MAP, TERRAIN_LANDMARKS)
     outputs = (NAVIGATOR_ORDER, STATE_POSE, NAVIGATOR_FEEDBACK)
-    serves = (
-        NAVIGATOR_GOTO, NAVIGATOR_WAYPOINTS, NAVIGATOR_CANCEL, NAVIGATOR_SET_POSE, NAVIGATOR_MAP, NAVIGATOR_POLICY,
-    )  # fmt: skip
+    serves = tuple(query for query, _ in ANSWERS)
 
     def on_start(self) -> None:
         self.robot, self.catalogue = load_robot(self.config.robot), Catalogue(self.config)
@@ -58,12 +50,8 @@ class Navigator(Service[NavigatorConfig]):
         self.limits = {HW_LANDMARKS.key: longest_blind_ns(self.catalogue.model) if self.config.use_landmarks else 0}
         self.memory = GoalMemory(self.config.memory)
         self.on_reset()
-        self.handle(NAVIGATOR_GOTO, lambda request: self.requests.goto(request))
-        self.handle(NAVIGATOR_WAYPOINTS, lambda request: self.requests.waypoints(request))
-        self.handle(NAVIGATOR_CANCEL, lambda request: self.requests.cancel(request))
-        self.handle(NAVIGATOR_SET_POSE, lambda request: self.requests.set_pose(request))
-        self.handle(NAVIGATOR_MAP, lambda _: self.maps.message())
-        self.handle(NAVIGATOR_POLICY, lambda request: self.requests.policy(request))
+        for query, answer in ANSWERS:
+            self.handle(query, lambda request, answer=answer: answer(self.requests, request))
 
     def rehearse(self) -> None:
         rehearse(self.config)
@@ -80,7 +68,7 @@ class Navigator(Service[NavigatorConfig]):
             ways=self.maps, record=self.results.record, aside=leading(self.localiser, self.maps),
         )  # fmt: skip
         self.requests = Requests(self.catalogue, self.maps, self.localiser, self.pilot, self.log, self._keep)
-        self._epoch, self._blocked, self._close, self._noted = 0, False, False, ("idle", 0, 0)
+        self._epoch, self._blocked, self._close, self._noted = 0, False, False, ("idle", 0, 0, None)
 
     def on_tick(self, inputs: TickInputs) -> None:
         requests, localiser, pilot = self.requests, self.localiser, self.pilot
@@ -133,9 +121,11 @@ class Navigator(Service[NavigatorConfig]):
 
     def _keep(self) -> None:
         """Store the state for a restart when orders or goals changed, and every second."""
-        tick, mark = self.requests.tick, (self.pilot.state, self.pilot.orders.number, len(self.requests.planned))
+        tick = self.requests.tick
         if self.memory.path is None or tick < 0:  # nothing is worth keeping before the first tick
             return
+        goal = self.pilot.goal
+        mark = (self.pilot.state, self.pilot.orders.number, len(self.requests.planned), goal and goal.paused_at)
         if mark != self._noted or tick % 100 == 0:
             self._noted = mark
             self.memory.keep(self._epoch, tick, self.requests.kept())

@@ -22,7 +22,14 @@ from surefoot.schemas import topics
 from surefoot.schemas.base import Request
 from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
-from surefoot.schemas.navigation import CancelRequest, GotoRequest, SetPoseRequest, WaypointsRequest
+from surefoot.schemas.navigation import (
+    CancelRequest,
+    GotoRequest,
+    PauseGoalRequest,
+    ResumeGoalRequest,
+    SetPoseRequest,
+    WaypointsRequest,
+)
 from surefoot.schemas.rows import MOST_TICKS, Req
 from surefoot.schemas.sim import FaultRequest, PlaceRequest, PushRequest, SetRequest, World
 from surefoot.schemas.topics import Query
@@ -49,6 +56,8 @@ COMMANDS: Mapping[str, tuple[Query[Any, Any], type[Request]]] = {
     "goto": (topics.NAVIGATOR_GOTO, GotoRequest),
     "waypoints": (topics.NAVIGATOR_WAYPOINTS, WaypointsRequest),
     "cancel": (topics.NAVIGATOR_CANCEL, CancelRequest),
+    "pause": (topics.NAVIGATOR_PAUSE, PauseGoalRequest),
+    "resume": (topics.NAVIGATOR_RESUME, ResumeGoalRequest),
     "set_pose": (topics.NAVIGATOR_SET_POSE, SetPoseRequest),
     "calibrate": (topics.STABILITY_CALIBRATE, CalibrateRequest),
 }

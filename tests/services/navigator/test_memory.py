@@ -33,7 +33,16 @@ def changed(tmp_path: Path, change: dict[str, Any], *, of_goal: bool) -> GoalMem
     return GoalMemory(str(path))
 
 
-@pytest.mark.parametrize("state", [kept(), kept(goal=None, planned=()), kept(goal=goal(start=None, index=3))])
+TWICE = goal(places=(ROUTE[0], ROUTE[0], ROUTE[2]), ends=(0, 0, 2))
+ROUNDS = goal(yaws=(None, 0.5, None), loops=0, loop=3, reached=1, paused_at=4.5, paused=1.0)
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        kept(), kept(goal=None, planned=()), kept(goal=goal(start=None, index=3)), kept(goal=TWICE), kept(goal=ROUNDS)
+    ],
+)  # fmt: skip
 def test_what_was_kept_is_taken_up_in_its_epoch_from_its_tick_on(tmp_path: Path, state: Kept) -> None:
     path = str(tmp_path / "navigator.json")
     GoalMemory(path).keep(2, 50, state)
@@ -82,6 +91,7 @@ def test_a_field_that_no_navigator_writes_is_reported(tmp_path: Path, change: di
         {"index": -1}, {"index": 4}, {"ends": [0, 1]}, {"ends": [0, 1, 3]}, {"ends": [1, 0, 2]}, {"ends": [-1, 1, 2]},
         {"ends": [0, 1, 1]}, {"xy_tolerance": "near"}, {"timeout": float("nan")}, {"missed": ["first"]},
         {"recoveries": {"look": "twice"}}, {"start": [0.0, 0.0, 0.0]}, {"places": [[0.0, 0.0]]},
+        {"yaws": [0.0]}, {"yaws": [0.0, "east", 0.0]}, {"loops": -1}, {"loop": 0}, {"paused_at": float("nan")},
     ],
 )  # fmt: skip
 def test_a_goal_that_no_navigator_writes_is_reported(tmp_path: Path, change: dict[str, Any]) -> None:
