@@ -16,7 +16,7 @@ NAMES = (
     "studies", "goals", "obstacles", "walker", "biped", "footholds", "foothold_walks", "foothold_grounds", "trials",
     "estimator", "accuracy", "foreign", "navigator", "policies", "lost", "stability", "queries", "peers", "bus",
     "core", "lockstep", "simulator", "starts", "soak", "flood", "accidents", "secure", "vision", "vision_live",
-    "robots", "fuzz", "storage", "view", "report", "own_map", "knocked", "forged",
+    "robots", "fuzz", "storage", "view", "report", "own_map", "knocked", "forged", "docking",
 )  # fmt: skip
 
 

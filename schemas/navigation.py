@@ -67,13 +67,18 @@ class Decision(Wire):
 
 
 class GoalProgress(Wire):
-    """Progress of a goal with several places or rounds, or of one that is paused."""
+    """Progress of a goal with several places or rounds, of one that docks on a marker, or of one that is paused."""
 
     place: int = Field(ge=1, description="number of the place that is walked to, 1 = the first")
     places: int = Field(ge=1, description="number of places")
     loop: int = Field(default=1, ge=1, description="number of the round over the places, 1 = the first")
     loops: int = Field(default=1, ge=0, description="number of rounds; 0 = until cancelled")
     paused: bool = Field(default=False, description="the robot stands until the goal is resumed")
+    marker: Vec2 | None = Field(
+        default=None,
+        description="m forward and left in base_link, marker that is docked on by the last look; null = none",
+    )
+    approaches: int = Field(default=0, ge=0, description="number of approaches to the marker so far")
 
 
 class GoalResult(Wire):
@@ -97,7 +102,7 @@ class GoalResult(Wire):
 class NavigationFeedback(Message):
     """Progress of the present goal, or of the last one; names as in Nav2."""
 
-    schema_version: ClassVar[str] = "2.1"
+    schema_version: ClassVar[str] = "2.2"
     state: GoalState = Field(description="state of the goal")
     goal_id: str = Field(default="", description="name of the present or last goal, empty = none yet")
     policy: str = Field(default="", description="name of the policy")
@@ -119,7 +124,7 @@ class NavigationFeedback(Message):
     progress: GoalProgress | None = Field(
         default=None,
         exclude_if=absent,
-        description="of a goal with several places or rounds, or paused; left out = of another",
+        description="of a goal with places, rounds or a marker, or paused; left out = of another",
     )
 
 
@@ -165,6 +170,38 @@ class WaypointsRequest(Request):
     xy_goal_tolerance: float | None = Field(
         default=None, gt=0, le=10, description="m, at a success the robot is surely so near; null = that of the model"
     )
+    timeout: float | None = Field(
+        default=None, gt=0, description="s, the goal ends after this time; null = that of the model"
+    )
+    at_tick: int | None = Field(
+        default=None, ge=0, description="tick it takes effect in (reproducible); null = the next one"
+    )
+
+
+class DockRequest(Request):
+    """Send the robot to a marker, and lead it the last part by what it sees of the marker itself."""
+
+    landmark: int | None = Field(
+        default=None, ge=0, description="row of terrain/landmarks; null = the marker of the goal, as in hw/landmarks"
+    )
+    position: Vec2 | None = Field(
+        default=None, description="m, frame map, about where the marker lies; null = that of the landmark"
+    )
+    offset: Vec2 = Field(
+        default=(0.5, 0.0), description="m forward and left, place of the marker in base_link at the end"
+    )
+    yaw: float | None = Field(default=None, description="rad, frame map, heading at the end; null = any")
+    xy_goal_tolerance: float | None = Field(
+        default=None,
+        gt=0,
+        le=1,
+        description="m, at a success the marker is surely so near to its place; null = model's",
+    )
+    yaw_goal_tolerance: float | None = Field(
+        default=None, gt=0, le=3.1416, description="rad, likewise of its bearing, and of the heading; null = model's"
+    )
+    policy: str | None = Field(default=None, max_length=256, description="name or file of a policy; null = configured")
+    goal_id: str | None = Field(default=None, max_length=64, description="name of the goal; null = made up")
     timeout: float | None = Field(
         default=None, gt=0, description="s, the goal ends after this time; null = that of the model"
     )

@@ -122,6 +122,7 @@ NAVIGATOR_GOTO = Query("navigator/goto", navigation.GotoRequest, navigation.Goal
 NAVIGATOR_WAYPOINTS = Query(
     "navigator/waypoints", navigation.WaypointsRequest, navigation.GoalReply, "navigator", acts=True
 )
+NAVIGATOR_DOCK = Query("navigator/dock", navigation.DockRequest, navigation.GoalReply, "navigator", acts=True)
 NAVIGATOR_CANCEL = Query(
     "navigator/cancel", navigation.CancelRequest, navigation.NavigatorReply, "navigator", acts=True
 )

@@ -56,6 +56,7 @@ class Catalogue:
     """
 
     def __init__(self, config: NavigatorConfig) -> None:
+        self.config = config
         overrides = [*config.set, *([f'use="{config.actions}"'] if config.actions else [])]
         self.model: NavigationModel = load(config.params, overrides)
         self.world = arrays(self.model)

@@ -11,6 +11,7 @@ from surefoot.schemas.state import GaitState
 
 from .belief.tracker import Motion
 from .belief.ukf import wrap
+from .marker import Dock
 from .planning.grid import Point
 from .policy.settings import Conduct
 
@@ -134,6 +135,9 @@ class NavigationGoal:
     """Time that the goal spent in earlier pauses, s."""
     since: list[int] = field(default_factory=lambda: [0, 0])
     """Number of decisions without progress: those that a near echo restricted to turns, and all."""
+
+    dock: Dock | None = None
+    """Marker that the goal docks on; None = it ends by the belief."""
 
     def __post_init__(self) -> None:
         self.places = self.places or self.route

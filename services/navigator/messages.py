@@ -110,12 +110,15 @@ def feedback_message(pilot: Pilot, pose: Pose, now: float, results: tuple[GoalRe
 
 
 def progress_of(goal: NavigationGoal) -> GoalProgress | None:
-    """Return where in its places and rounds a goal is; None for one of one place and one round that is not paused."""
-    paused = goal.paused_at is not None
-    if len(goal.places) == 1 and goal.loops == 1 and not paused:
+    """Return where in places, rounds and docking a goal is; None for one place without rounds, marker and pause."""
+    paused, dock = goal.paused_at is not None, goal.dock
+    if len(goal.places) == 1 and goal.loops == 1 and not paused and dock is None:
         return None
     at = min(goal.place, len(goal.places) - 1) + 1
-    return GoalProgress(place=at, places=len(goal.places), loop=goal.loop, loops=goal.loops, paused=paused)
+    return GoalProgress(
+        place=at, places=len(goal.places), loop=goal.loop, loops=goal.loops, paused=paused,
+        marker=dock and dock.seen, approaches=dock.moves if dock else 0,
+    )  # fmt: skip
 
 
 def _bearing(place: tuple[float, float], pose: Pose) -> float:

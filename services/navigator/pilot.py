@@ -13,6 +13,7 @@ from surefoot.schemas.navigation import Decision, GoalState
 
 from .arrival import arrival, reach, stalled, sure_of_place
 from .belief.tracker import PoseTracker
+from .docking import Docking
 from .goals import Act, End, GaitView, NavigationGoal, Point
 from .maps import Maps
 from .near import Near
@@ -62,6 +63,7 @@ class Pilot:
         self._search = Search(self, self.conduct, aside)
         self._near = Near(acts, self.conduct, ways)
         self._rerouting = Rerouting(self.conduct, ways)
+        self.docking = Docking(acts, self.move, self.conduct, ways)
 
     # -- goals -------------------------------------------------------------------------------------------------
 
@@ -80,6 +82,7 @@ class Pilot:
     def _set_out(self) -> None:
         """Forget waits and searches, at the begin of a goal and after a pause."""
         self._rerouting.begin()
+        self.docking.begin()
         self._search.begin()
         self._near.begin()
 
@@ -209,7 +212,13 @@ class Pilot:
         searching = self._search.tick(
             goal, now, gait, tracker.pose[:2], blocked=blocked, lost=lost, suspected=suspected
         )
-        if not searching and self.state == "navigating" and self._is_time(now, gait, tracker):
+        if searching or self.state != "navigating":
+            self.docking.begin()
+        elif goal.dock is not None and goal.dock.begun:
+            end = self.docking.tick(goal, goal.dock, now, gait, tracker, blocked=blocked)
+            if end is not None:
+                self._finish(end)
+        elif self._is_time(now, gait, tracker):
             self._decide(now, gait, tracker, blocked=blocked)
 
     def _is_time(self, now: float, gait: GaitView, tracker: PoseTracker) -> bool:
@@ -357,6 +366,9 @@ class Pilot:
         """End the goal of a standing robot, or continue it for another camera frame if its arrival is not certain."""
         assert self._halting is not None
         end = self._halting
+        if end[0] == "succeeded" and goal.dock is not None:
+            goal.dock.begun, self.state, self._halting = True, "navigating", None
+            return
         if end[0] == "succeeded":
             end = arrival(goal, tracker.mean, tracker.cov, self.conduct.sure)
             if end[1] == "arrived_unsure" and goal.looks < self.conduct.looks:

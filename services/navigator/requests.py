@@ -18,11 +18,14 @@ from .catalogue import Catalogue
 from .goals import GaitView, NavigationGoal
 from .localiser import Localiser
 from .maps import Maps
+from .marker import Dock
 from .memory import Kept, is_covariance
 from .pilot import Pilot
 from .policy.decider import Decider
 
 Log = Callable[[str, str], None]
+STANDOFF = 0.10
+"""Distance behind its last place at which a robot that docks on a marker measures it first, m."""
 
 
 class Requests:
@@ -81,9 +84,43 @@ class Requests:
             raise Refusal("invalid", f"rounds go over places that are more than {least:g} m apart", "loops")
         return self._accept(request, places, "positions", yaws)
 
+    def dock(self, request: nav.DockRequest) -> nav.GoalReply:
+        """Accept or refuse a goal that docks on a marker: it leads to before the marker, then is led by its sight.
+
+        Raises:
+            Refusal: no camera, no such landmark, a marker without a position, an offset that the camera does not see, a
+                tick that has passed, a fallen or uncalibrated robot, an unknown policy, or a place that cannot be
+                reached.
+        """
+        world, model = self.maps.landmarks, self.catalogue.model
+        if not self.catalogue.config.use_landmarks:
+            raise Refusal("unsupported", "a robot that uses no landmarks docks on none")
+        place, row = request.position, request.landmark
+        if row is not None and (world is None or row >= len(world)):
+            raise Refusal(
+                "invalid", f"the map has {0 if world is None else len(world)} landmarks, got {row}", "landmark"
+            )
+        if place is None and world is not None and row is not None:
+            place = (float(world.positions[row, 0]), float(world.positions[row, 1]))
+        if place is None:
+            raise Refusal("invalid", "the marker of the goal needs a position, landmarks have their own", "position")
+        away, bearing = math.hypot(*request.offset), math.degrees(abs(math.atan2(*reversed(request.offset))))
+        sight = model.sight
+        if not (sight.range_min <= away <= sight.range_max and bearing <= sight.half_angle_deg):
+            seen = f"{sight.range_min:g} to {sight.range_max:g} m away, {sight.half_angle_deg:g} deg aside"
+            raise Refusal("invalid", f"the camera sees {seen}, got {request.offset}", "offset")
+        here, conduct = self.localiser.tracker.pose, model.conduct
+        toward = math.atan2(place[1] - here[1], place[0] - here[0]) if request.yaw is None else request.yaw
+        before = placed((place[0], place[1], toward), (-request.offset[0] - STANDOFF, -request.offset[1], 0.0))
+        dock = Dock(
+            place, request.offset, row, request.yaw, request.xy_goal_tolerance or conduct.dock_xy,
+            request.yaw_goal_tolerance or conduct.dock_yaw,
+        )  # fmt: skip
+        return self._accept(request, (before[:2],), "position", (toward,), dock)
+
     def _accept(
-        self, request: nav.GotoRequest | nav.WaypointsRequest, places: tuple[nav.Vec2, ...],
-        field: str, yaws: tuple[float | None, ...],
+        self, request: nav.GotoRequest | nav.WaypointsRequest | nav.DockRequest, places: tuple[nav.Vec2, ...],
+        field: str, yaws: tuple[float | None, ...], dock: Dock | None = None,
     ) -> nav.GoalReply:  # fmt: skip
         self._refuse_late(request.at_tick)
         if request.at_tick is None:
@@ -92,13 +129,13 @@ class Requests:
         here = self.localiser.tracker.pose[:2]
         ways = self.maps.ways(here, places, field)
         name, asked = request.goal_id or f"goal-{next(self._names)}", request.policy or self.catalogue.default
-        goal = NavigationGoal(name, (), policy.name, self.now, start=here, asked=asked, places=places)
+        goal = NavigationGoal(name, (), policy.name, self.now, start=here, asked=asked, places=places, dock=dock)
         if any(yaw is not None for yaw in yaws):
             goal.yaw, goal.yaws = yaws[-1], yaws if len(yaws) > 1 else ()
         goal.lead(ways, self.now)
-        goal.xy_tolerance = request.xy_goal_tolerance or conduct.xy_goal_tolerance
+        goal.xy_tolerance = (dock is None and request.xy_goal_tolerance) or conduct.xy_goal_tolerance
         goal.timeout = request.timeout or conduct.timeout
-        goal.yaw_tolerance = request.yaw_goal_tolerance or conduct.yaw_goal_tolerance
+        goal.yaw_tolerance = (dock is None and request.yaw_goal_tolerance) or conduct.yaw_goal_tolerance
         goal.loops = getattr(request, "loops", 1)
         self.plan(self.tick + 1 if request.at_tick is None else request.at_tick, goal)
         self._keep()
@@ -239,6 +276,7 @@ class Requests:
 ANSWERS: tuple[tuple[Query[Any, Any], Callable[[Requests, Any], Any]], ...] = (
     (topics.NAVIGATOR_GOTO, Requests.goto),
     (topics.NAVIGATOR_WAYPOINTS, Requests.waypoints),
+    (topics.NAVIGATOR_DOCK, Requests.dock),
     (topics.NAVIGATOR_CANCEL, Requests.cancel),
     (topics.NAVIGATOR_PAUSE, Requests.pause_goal),
     (topics.NAVIGATOR_RESUME, Requests.resume_goal),

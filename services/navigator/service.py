@@ -105,6 +105,7 @@ class Navigator(Service[NavigatorConfig]):
         if seen is None or not self.config.use_landmarks:
             return
         try:
+            self.pilot.docking.see(seen, self.pilot.goal, self.localiser.tracker, self.requests.now)
             self.localiser.look(seen, self.requests.gait, self.requests.now, self.pilot.orders.match)
         except DetectionError as error:
             if self.localiser.refused[error.code] == 1:

@@ -100,3 +100,10 @@ class Conduct(ModelPart):
     stand: NotNegative = Field(
         default=60.0, description="s, longest stand before something too close that allows no step back; then it turns"
     )
+    dock_xy: Positive = Field(
+        default=0.03, le=1, description="m, at a success the marker that is docked on is surely so near to its place"
+    )
+    dock_yaw: Positive = Field(
+        default=math.radians(3.0), le=math.pi, description="rad, likewise of its bearing and of a wanted heading"
+    )
+    dock_moves: int = Field(default=8, ge=0, le=100, description="approaches of a goal that docks on a marker")

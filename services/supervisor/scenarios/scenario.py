@@ -24,6 +24,7 @@ from surefoot.schemas.calibration import CalibrateRequest
 from surefoot.schemas.cmd import WalkCommand
 from surefoot.schemas.navigation import (
     CancelRequest,
+    DockRequest,
     GotoRequest,
     PauseGoalRequest,
     ResumeGoalRequest,
@@ -55,6 +56,7 @@ COMMANDS: Mapping[str, tuple[Query[Any, Any], type[Request]]] = {
     "place": (topics.SIM_PLACE, PlaceRequest),
     "goto": (topics.NAVIGATOR_GOTO, GotoRequest),
     "waypoints": (topics.NAVIGATOR_WAYPOINTS, WaypointsRequest),
+    "dock": (topics.NAVIGATOR_DOCK, DockRequest),
     "cancel": (topics.NAVIGATOR_CANCEL, CancelRequest),
     "pause": (topics.NAVIGATOR_PAUSE, PauseGoalRequest),
     "resume": (topics.NAVIGATOR_RESUME, ResumeGoalRequest),
@@ -66,7 +68,7 @@ COMMANDS: Mapping[str, tuple[Query[Any, Any], type[Request]]] = {
 WALKING = ("walk", "turn", "stop")
 """Commands whose end is the moment `walk_done`."""
 
-GOALS = ("goto", "waypoints")
+GOALS = ("goto", "waypoints", "dock")
 """Commands whose end is the moment `goal_done`."""
 
 
