@@ -29,7 +29,7 @@ COMMANDS = [
     "why {bag}",
     "robot show ragno -o {odd}.png",
 ]
-"""What is printed has characters that are not in ASCII: a remark of a service, the path of a file."""
+"""Outputs have characters that are not in ASCII: a remark of a service, the path of a file."""
 
 
 @pytest.fixture

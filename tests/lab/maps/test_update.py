@@ -52,7 +52,7 @@ def believed(poses, rng):
 
 
 def sightings(world, seed, frames=1500, recognised=0.3, false=0.0, noise=EASY):
-    """What a walking robot sees of a floor, and where it believes to be."""
+    """Return what a walking robot sees of a floor, and where it believes to be."""
     rng = np.random.default_rng((seed, 3))
     poses = walk(rng, frames)
     eye, parts, number = Eye(world, noise, seed, recognised=recognised, false=false, tilt=0.01), [], []
@@ -167,7 +167,7 @@ class Watched(Journey):
     shown = None
 
     def frame(self):
-        """What the camera recognises, kept."""
+        """Keep what the camera recognises."""
         self.shown = super().frame()
         return self.shown
 

@@ -112,17 +112,6 @@ def test_bad_outcomes_are_counted_and_the_others_learned(tmp_path: Path) -> None
     assert walk(one, 8)[-1].model == "made/306+1"
 
 
-def test_stances_of_faulty_legs_are_counted_and_not_learned(tmp_path: Path) -> None:
-    one = service(made(tmp_path))
-    faulty = tuple(outcome(k, 0.012, healthy=False) for k in range(3))
-    assert one.select(asked("lf", outcomes=faulty)).legs[0].status == "ok"
-    told = one.use_model(ModelRequest())
-    assert (told.refused, told.outcomes) == ({"unhealthy": 3}, 0)
-    sound = service(made(tmp_path))
-    sound.select(asked("lf"))
-    assert walk(one, 8)[-1] == walk(sound, 8)[-1]  # slip is predicted as if there had been no faulty leg
-
-
 def test_a_folder_that_cannot_be_written_is_counted_and_the_model_still_used(tmp_path: Path) -> None:
     one = service(made(tmp_path), relearn_file=str(tmp_path / "absent" / "kept.json"))
     assert walk(one, 8)[-1].model == "made/306+1"

@@ -26,14 +26,12 @@ UP = np.array([0.0, 0.0, 1.0])
 LIFT = np.array([0.0, 0.0, 0.02])
 
 
-def run(
-    centres: np.ndarray, turns: np.ndarray, contacts: np.ndarray, faulty: np.ndarray | None = None
-) -> tuple[StanceSlip, list[FinishedStance]]:
-    """Foot 0 as given, foot 1 in swing; (n, 3) m, (n, 3) rotation vectors, (n,) flags; faulty legs, (2,)."""
+def run(centres: np.ndarray, turns: np.ndarray, contacts: np.ndarray) -> tuple[StanceSlip, list[FinishedStance]]:
+    """Foot 0 as given, foot 1 in swing; (n, 3) m, (n, 3) rotation vectors, (n,) flags."""
     meter, ended = StanceSlip(2, RADIUS), []
     for centre, turn, contact in zip(centres, turns, contacts, strict=True):
-        both, rot = np.stack((centre, np.zeros(3))), np.stack((matrix_from_rotvec(turn), np.eye(3)))
-        ended += meter.update(np.array([contact, False]), both, rot, faulty)
+        both = np.stack((centre, np.zeros(3)))
+        ended += meter.update(np.array([contact, False]), both, np.stack((matrix_from_rotvec(turn), np.eye(3))))
     return meter, ended
 
 
@@ -107,13 +105,6 @@ def test_touches_that_are_too_short_and_numbers_that_are_none() -> None:
     centres[10:13] = np.nan
     _, ended = run(centres, turns, contacts)
     assert ended[0].slip == pytest.approx(noiseless(0.01))
-
-
-@pytest.mark.parametrize(("faulty", "healthy"), [(None, True), ((False, True), True), ((True, False), False)])
-def test_a_stance_that_ends_on_a_faulty_leg_is_marked_unhealthy(faulty: tuple[bool, bool] | None, healthy: bool):
-    moved = stance(np.array([0.01, 0.0, 0.0]), np.zeros(3))
-    (ended,) = run(*moved, None if faulty is None else np.array(faulty))[1]
-    assert ended.healthy is healthy
 
 
 def test_feet_in_odom_are_those_of_the_description() -> None:

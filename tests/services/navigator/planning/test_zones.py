@@ -24,7 +24,7 @@ POLYGON = "polygon: [[0, 0], [1, 0], [1, 1]]"
 
 
 def angle_in(polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Whether a polygon holds points, by the angle that it turns around each, (n,)."""
+    """Return whether a polygon holds points, by the angle that it turns around each, (n,)."""
     away = polygon[None] - points[:, None]
     angles = np.arctan2(away[..., 1], away[..., 0])
     turn = np.angle(np.exp(1j * (np.roll(angles, -1, axis=1) - angles))).sum(axis=1)
