@@ -208,7 +208,8 @@ def sliding(s: Signals) -> list[Clue]:
         if many:
             a, b = many[0]
             feet = int(slid[(times >= a) & (times <= b)].any(axis=0).sum())
-            found.append(Clue(code, a, many[-1][1], f"{feet} feet slide at once" if least > 1 else "a foot slides"))
+            text = f"{feet} feet slide at once, so the friction is low" if least > 1 else "a foot slides"
+            found.append(Clue(code, a, many[-1][1], text))
     return found
 
 
@@ -287,7 +288,8 @@ def _in_turn(times: Array, slid: NDArray[np.bool_]) -> list[Clue]:
     for a, b in spans(times, lately.sum(axis=1) >= IN_TURN, 0.0)[:1]:
         since = a - float(times[(times > a - IN_TURN_S) & slid.any(axis=1)][0])
         feet = int(lately[times == a].sum())
-        return [Clue("friction", a, b, f"{feet} feet have slid within {since + SLIDES_S:.2f} s")]
+        text = f"{feet} feet have slid within {since + SLIDES_S:.2f} s, so the friction is low"
+        return [Clue("friction", a, b, text)]
     return []
 
 

@@ -117,6 +117,7 @@ def landmark_in(frame: LandmarkDetections, row: int, tracker: PoseTracker) -> Si
     look, (x, y, heading) = world.descriptors[row], tracker.pose
     dx, dy = world.positions[row] - (x, y)
     away, bearing = math.hypot(dx, dy), math.atan2(dy, dx) - heading
+    ahead, left = away * math.cos(bearing), away * math.sin(bearing)
     gate = GATE_M + 3.0 * math.sqrt(float(np.trace(tracker.cov[:2, :2])))
     gate += 3.0 * away * math.sqrt(float(tracker.cov[2, 2]))
     alike = MatchLimits().look(tracker.standing, len(look))
@@ -124,7 +125,7 @@ def landmark_in(frame: LandmarkDetections, row: int, tracker: PoseTracker) -> Si
         mark
         for mark in frame.landmarks
         if len(mark.descriptor) == len(look)
-        and float(np.linalg.norm(np.array(mark.descriptor) - look)) <= alike
-        and abs(mark.range * np.exp(1j * mark.bearing) - away * np.exp(1j * bearing)) <= gate
+        and math.sqrt(math.fsum((own - its) ** 2 for own, its in zip(mark.descriptor, look, strict=True))) <= alike
+        and math.hypot(mark.range * math.cos(mark.bearing) - ahead, mark.range * math.sin(mark.bearing) - left) <= gate
     ]
     return found[0] if len(found) == 1 else None

@@ -8,6 +8,7 @@ zones:
   - {name: hall, type: speed_limit, mask: speed_mask.yaml, base: 100.0, multiplier: -1.0}
 """
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Self, cast
 
@@ -115,4 +116,6 @@ def _zone(entry: Any, source: Path, field: str) -> Zone:
 
 def _width(corners: np.ndarray) -> float:
     """Return how far corners spread across the line that fits them best, m; `corners`: (n, 2) m."""
-    return float(np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)[1])
+    x, y = (corners - corners.mean(axis=0)).T
+    xx, yy, xy = float((x * x).sum()), float((y * y).sum()), float((x * y).sum())
+    return math.sqrt(max(0.0, 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)))  # no LAPACK: the same bits everywhere
