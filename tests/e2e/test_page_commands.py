@@ -29,8 +29,8 @@ pytestmark = pytest.mark.e2e
 PLACEHOLDER = re.compile(r"(.*/)?[A-Z][A-Z0-9]*(\.\w+)?|.*[<>|\[\]].*|.*\.\.\.")
 FILES = (
     "evaluate navigator", "evaluate navigator --params paper-arcs --policy planner --set sight.moving_match_share=1",
-    "render run.mcap -o docs/walk.webp --width 720 --fps 8 --speed 3 --quality 35",
-    "run crawl-flat", "run ragno-goal", "run ragno-own-map", "chaos flat --seed 0",
+    "render run.mcap -o docs/walk.webp --width 720 --fps 8 --speed 3 --quality 25",
+    "estimate run.mcap --estimator ekf", "run crawl-flat", "run ragno-goal", "run ragno-own-map", "chaos flat --seed 0",
 )  # fmt: skip
 """Commands that take a minute or so, executed here in a folder with a recording, in this order."""
 SYSTEM = ("up -d", "logs", "sim status", "sim fault sensor_stuck --target imu", "down ragno")
@@ -62,10 +62,14 @@ ELSEWHERE = {
         ("reproduce osswald", "reproduce walas-footholds", "reproduce wawrzynski"),
         ("minutes", "tests/papers/test_reproduce.py"),
     ),
+    **dict.fromkeys(("goal pause", "goal resume"), ("need a goal under way", "tests/lab/cli/test_goal.py")),
     "run examples/vision/nao-eyes.toml --seed 30": ("a block of vision.md", "tests/e2e/test_pages.py"),
     "run rough-terrain --view": (f"{GOES_ON} `run flat --view` of view.md", "tests/e2e/test_pages.py"),
     "run stand --seed 3 --out first": ("begins the features", "tests/expected_features.py"),
-    "topic echo state/landmarks": (f"{GOES_ON} `topic echo state/velocity`", "tests/e2e/test_cheat_sheet.py"),
+    **dict.fromkeys(
+        ("topic echo state/landmarks", "topic echo state/velocity/ekf --plot velocity"),
+        (f"{GOES_ON} `topic echo state/velocity`", "tests/e2e/test_cheat_sheet.py"),
+    ),
     **dict.fromkeys(("up", "up ragno", "up --view"), (f"{GOES_ON} `up -d` does not", "tests/e2e/test_pages.py")),
     "up --listen tcp/10.0.0.7:7447": ("an address of another network", "tests/e2e/test_hosts.py"),
     "up --secure": ("a block of security.md", "tests/e2e/test_pages.py"),

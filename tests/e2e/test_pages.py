@@ -20,7 +20,7 @@ from tests.processes import end_systems
 pytestmark = pytest.mark.e2e
 
 HERE = {
-    "accidents.md": (0, 1, 2, 3), "bipeds.md": (0,), "faults.md": (0,), "navigator.md": (0, 1), "security.md": (0,),
+    "accidents.md": (0, 1, 2, 3), "bipeds.md": (0,), "faults.md": (0,), "navigator.md": (0, 2), "security.md": (0,),
     "systems.md": (0,), "view.md": (0, 2), "vision.md": (0,),
 }  # fmt: skip
 """Numbers of the blocks of each page that are executed here, in this order in one folder."""

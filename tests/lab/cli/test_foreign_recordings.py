@@ -93,7 +93,7 @@ def later(ticks: int, stamps: int) -> Callable[[str, Row], Row]:
 TICKS_BACK, AN_HOUR, STAMPS_BACK = later(-100, -100), later(0, 360_000), later(0, -100)
 
 CASES = [
-    (all_before_zero, "json", "", "bag export --to foxglove -o f.mcap", "a pose at -0.99 s, allowed is 0 or more"),
+    (all_before_zero, "json", "", "bag export --to foxglove -o f.mcap", "a pose at -1 s, allowed is 0 or more"),
     (nothing, "json", "", "bag export --to tum -o t.tum", "has no state/odometry"),
     (nothing, "json", "", "bag export --to rosbag2 -o b", "has none of hw/imu"),
     (nothing, "json", "", "why", "has none of hw/tick"),
