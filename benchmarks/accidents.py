@@ -78,8 +78,8 @@ class Accident:
         """Fields of the scenario that depend on the order: the walk, or the goal, and when and how it ends."""
         if not self.goal:
             return {"order": f'do = "walk"\ndistance = {self.distance}', "done": "walk_done", "most": 25.0}
-        order = f'do = "goto"\nposition = [{self.distance}, 0.0]\nxy_goal_tolerance = 0.1\ntimeout = 40.0'
-        return {"order": order, "done": "goal_done", "most": 50.0}
+        order = f'do = "goto"\nposition = [{self.distance}, 0.0]\nxy_goal_tolerance = 0.1\ntimeout = 80.0'
+        return {"order": order, "done": "goal_done", "most": 90.0}
 
 
 def fault(kind: str, target: str = "", value: float | None = None, duration: float = 12.0) -> str:

@@ -296,7 +296,7 @@ def _in_turn(times: Array, slid: NDArray[np.bool_]) -> list[Clue]:
 def consequences(s: Signals) -> list[Clue]:
     """Find effects of faults: negative margins, refused or absent inputs, filter out of bounds, held joints, ..."""
     found: list[Clue] = []
-    if s.rows["state/stability"]:
+    if s.stands_statically:
         times = s.times("state/stability")
         for name in ("margin_planned", "margin_measured"):
             margin = s.column("state/stability", name)

@@ -79,6 +79,12 @@ class Signals:
             raise SurefootError("malformed", f"{key}.{name} of the recording holds no numbers", name) from None
 
     @property
+    def stands_statically(self) -> bool:
+        """True if the recording has margins of a robot with four or more legs; those of a biped, which walks
+        dynamically, fall below zero in each step and are no sign of a fault."""
+        return len(next(iter(self.rows["state/stability"]), {}).get("stance", ())) >= 4
+
+    @property
     def end(self) -> float:
         """Simulated time of the last control tick of the recording, s."""
         return max((float(self.times(key).max()) for key in CLOCKS if self.rows[key]), default=0.0)

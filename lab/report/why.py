@@ -185,8 +185,8 @@ def _slip(s: Signals) -> Clue | None:
 
 def _unsupported(s: Signals) -> Clue | None:
     """Find a stance of four or more legs whose planned margin is below zero."""
-    if len(next(iter(s.rows["state/stability"]), {}).get("stance", ())) < 4:
-        return None  # bipeds walk dynamically: their static margin is no sign
+    if not s.stands_statically:
+        return None
     times, margin = s.times("state/stability"), s.column("state/stability", "margin_planned")
     for a, b in spans(times, (margin < 0.0) & (times > 1.0), 0.1)[:1]:
         return Clue("unsupported", a, b, f"the support was left for {b - a:.2f} s")

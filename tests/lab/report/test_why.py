@@ -298,6 +298,22 @@ def test_without_truth_tilt_and_slipping_flags_stand_for_it(monkeypatch: pytest.
     assert (found.cause.code, found.outcome and found.outcome.code) == ("friction", "fall")
 
 
+@pytest.mark.parametrize(("feet", "cause"), [(2, None), (4, "margin")])
+def test_margins_of_a_biped_are_no_cause(feet: int, cause: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    def misses(rows: Any) -> None:
+        rows["navigator/feedback"] = {AT: {"epoch": 1, "tick": AT, "state": "failed", "error_code": "timeout"}}
+        late = {tick: row for tick, row in rows["state/stability"].items() if AT - 20 <= tick < AT - 11}
+        for row in rows["state/stability"].values():
+            row.update(stance=row["stance"][:feet])
+        for row in late.values():
+            row.update(margin_planned=-0.04)
+
+    found = explained(edited(misses), monkeypatch)
+    assert found.outcome is not None
+    assert found.outcome.code == "goal"
+    assert (found.cause and found.cause.code) == cause
+
+
 def test_halts_goals_and_lost_support_are_outcomes() -> None:
     def goal(rows: Any) -> None:
         rows["navigator/feedback"] = {AT: {"epoch": 1, "tick": AT, "state": "failed", "error_code": "lost"}}
