@@ -97,7 +97,8 @@ def _zone(entry: Any, source: Path, field: str) -> Zone:
         first = error.errors()[0]
         at = ".".join((field, *(str(part) for part in first["loc"])))
         got = "" if first["type"] == "missing" else f", got {str(first['input'])[:120]!r}"
-        raise MapFileError("malformed", f"{source.name}: {at}: {first['msg']}{got}", at) from None
+        why = first["msg"].removeprefix("Value error, ")
+        raise MapFileError("malformed", f"{source.name}: {at}: {why}{got}", at) from None
     polygon, mask = np.array(info.polygon or np.zeros((0, 2))), None
     if info.mask is not None:
         folder = source.resolve().parent
