@@ -131,16 +131,17 @@ def changes_of(world: FloorLandmarks, seen: SureSightings, source: str = "", cer
         text = f"detections have descriptors of {seen.looks.shape[1]} numbers, the map of {world.descriptor_length}"
         raise SurefootError("bad_descriptor", text)
     noise = SightNoise(look_sd=estimated_look_noise(seen.plain))
-    owner, sds = _sights(world, seen, MatchLimits().look(noise, world.descriptor_length))
+    limit = MatchLimits().look(noise, world.descriptor_length)
+    owner, sds = _sights(world, seen, limit)
     view = _Seeing(seen, world.positions, owner)
     view.count(np.ones(len(world), dtype=bool))
     odds = view.odds(world.positions, owner, WEIGHTS).weighed()
     for _ in range(ROUNDS - 1):
         view.count(odds.gone(RARE) < 0.5)
         odds = view.odds(world.positions, owner, WEIGHTS).weighed()
-    group, places, looks = _groups(seen, owner < 0, MatchLimits().look(noise, world.descriptor_length))
+    group, places, looks = _groups(seen, owner < 0, limit)
     others = view.odds(places, group, odds.weights)
-    return _listed(world, seen, (odds, others), (group, places, looks), sds, certain, source)
+    return _listed(world, seen, (odds, others), (group, places, looks), (sds, limit), certain, source)
 
 
 def _sights(world: FloorLandmarks, seen: SureSightings, limit: float) -> tuple[Index, tuple[float, float]]:
@@ -291,7 +292,7 @@ def _alike(place: Array, look: Array, places: Array, looks: Array, limit: float)
 
 def _listed(
     world: FloorLandmarks, seen: SureSightings, odds: tuple[_Odds, _Odds], groups: tuple[Index, Array, Array],
-    sds: tuple[float, float], certain: float, source: str,
+    noise: tuple[tuple[float, float], float], certain: float, source: str,
 ) -> MapUpdate:  # fmt: skip
     """Return the changes that are certain, and the map with them.
 
@@ -300,12 +301,11 @@ def _listed(
         seen: detections and poses.
         odds: evidence on landmarks of the map, and on groups.
         groups: group of each detection, places and descriptors of the groups.
-        sds: noise of sights from the poses, as of `_sights`.
+        noise: that of sights from the poses, as of `_sights`, and largest distance of alike descriptors.
         certain: probability from which on a change is listed.
         source: origin of the detections.
     """
-    (own, others), (group, places, looks) = odds, groups
-    limit = MatchLimits().look(SightNoise(look_sd=estimated_look_noise(seen.plain)), world.descriptor_length)
+    (own, others), (group, places, looks), (sds, limit) = odds, groups, noise
     shown = [np.unique(seen.look[seen.frame[group == g]]).size for g in range(len(places))]
     found: dict[int, int] = {}
     """Group at which each landmark that has moved is seen."""

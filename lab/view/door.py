@@ -9,11 +9,9 @@ import secrets
 import socket
 from contextlib import suppress
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
-from typing import Any
 
-from .server import END_S, HOST, SEND_S, carries, hosts, unusable
+from .server import END_S, HOST, SEND_S, QuietHandler, QuietServer, carries, hosts, unusable
 
 CHUNK = 1 << 16
 
@@ -51,25 +49,14 @@ class Door:
         self._http.server_close()
 
 
-class _DoorServer(ThreadingHTTPServer):
-    daemon_threads = True
-    allow_reuse_address = True
-
+class _DoorServer(QuietServer):
     def __init__(self, address: tuple[str, int], token: str, behind: tuple[str, int]) -> None:
         self.token, self.behind = token, behind
         super().__init__(address, _Doorkeeper)
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore the errors of connections that a client has closed."""
 
-
-class _Doorkeeper(BaseHTTPRequestHandler):
+class _Doorkeeper(QuietHandler):
     server: _DoorServer  # pyright: ignore[reportIncompatibleVariableOverride] - it has no other
-    protocol_version = "HTTP/1.1"
-    timeout = SEND_S
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Log nothing, since the URL of a request contains the token."""
 
     def do_GET(self) -> None:
         """Connect a client to the server behind the door, or refuse it, and carry bytes both ways until one ends."""

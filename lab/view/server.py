@@ -109,25 +109,34 @@ def carries(path: str, token: str) -> bool:
     return secrets.compare_digest(given.encode(), token.encode())
 
 
-class _Http(ThreadingHTTPServer):
+class QuietServer(ThreadingHTTPServer):
+    """HTTP server with a thread for each client, which may end at any time."""
+
     daemon_threads = True
     allow_reuse_address = True
 
-    def __init__(self, address: tuple[str, int], view: ViewServer) -> None:
-        self.view = view
-        super().__init__(address, _Handler)
-
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore the errors of connections that a page has closed."""
+        """Ignore the errors of connections that a client has closed."""
 
 
-class _Handler(BaseHTTPRequestHandler):
-    server: _Http  # pyright: ignore[reportIncompatibleVariableOverride] - it has no other
+class QuietHandler(BaseHTTPRequestHandler):
+    """Handler of the requests of one client, which logs none of them."""
+
     protocol_version = "HTTP/1.1"
     timeout = SEND_S
 
     def log_message(self, format: str, *args: Any) -> None:
         """Log nothing, since the URL of a request contains the token."""
+
+
+class _Http(QuietServer):
+    def __init__(self, address: tuple[str, int], view: ViewServer) -> None:
+        self.view = view
+        super().__init__(address, _Handler)
+
+
+class _Handler(QuietHandler):
+    server: _Http  # pyright: ignore[reportIncompatibleVariableOverride] - it has no other
 
     def do_GET(self) -> None:
         """Answer a GET request: the HTML page, the constant parts of all frames, or the stream of frames."""

@@ -154,9 +154,9 @@ def test_stances_of_a_leg_with_a_faulty_sensor_are_left_out_and_counted(tmp_path
             found = (outcome(k),) if k < 6 else ()
             bad = (outcome(10 + k, 0.018, healthy=False),) if faulty and k < 6 else ()
             one.select(asked("lf", tick=50 * k, outcomes=(*bad, *found)))
-        told = one.use_model(ModelRequest())
-        assert told.outcomes == 6
-        assert told.refused == ({"unhealthy": 6} if faulty else {})
-        assert told.model == "made/306+1"
+        answer = one.use_model(ModelRequest())
+        assert answer.outcomes == 6
+        assert answer.refused == ({"unhealthy": 6} if faulty else {})
+        assert answer.model == "made/306+1"
         models.append(one.select(asked("lf", tick=999)))
     assert models[0] == models[1]
