@@ -208,7 +208,7 @@ def sliding(s: Signals) -> list[Clue]:
         if many:
             a, b = many[0]
             feet = int(slid[(times >= a) & (times <= b)].any(axis=0).sum())
-            text = f"{feet} feet slide at once, so the friction is low" if least > 1 else "a foot slides"
+            text = f"{feet} feet slide at once, a sign of low friction" if least > 1 else "a foot slides"
             found.append(Clue(code, a, many[-1][1], text))
     return found
 
@@ -288,7 +288,7 @@ def _in_turn(times: Array, slid: NDArray[np.bool_]) -> list[Clue]:
     for a, b in spans(times, lately.sum(axis=1) >= IN_TURN, 0.0)[:1]:
         since = a - float(times[(times > a - IN_TURN_S) & slid.any(axis=1)][0])
         feet = int(lately[times == a].sum())
-        text = f"{feet} feet have slid within {since + SLIDES_S:.2f} s, so the friction is low"
+        text = f"{feet} feet have slid within {since + SLIDES_S:.2f} s, a sign of low friction"
         return [Clue("friction", a, b, text)]
     return []
 
