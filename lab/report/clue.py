@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 ROOTS = (
     "service", "stop", "command", "late", "imu", "joints", "contacts", "encoder", "servo", "switch", "push", "stale",
-    "camera", "ranger", "cone", "friction",
+    "camera", "ranger", "cone", "friction", "support",
 )  # fmt: skip
 """Values of `Clue.code` that are causes of a failure, in order of precedence; all other codes are consequences."""
 OF_GOALS = ("camera", "ranger")

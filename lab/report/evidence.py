@@ -29,6 +29,12 @@ s, from which it counts as a servo fault."""
 SLIDES_M, SLIDES_S = 0.003, 0.3
 """`SLIDES_M`: slide of a contact point within the window `SLIDES_S`, m, above which a foot counts as sliding;
 `SLIDES_S`: length of that window, s."""
+BEARS = 0.5
+"""Share of the mean load of the standing feet from which a foot that slides counts: a lighter one is dragged."""
+APART_S = 4.0
+"""Time without sliding, s, after which feet that slide again are another event."""
+KEEPS = 0.02
+"""Share of the time with a planned margin below zero up to which a gait counts as one that keeps its support."""
 IN_TURN, IN_TURN_S = 3, 2.0
 """`IN_TURN`: least number of feet that slide one after another within `IN_TURN_S` from which the ground counts as of
 low friction; `IN_TURN_S`: length of that window, s."""
@@ -186,7 +192,7 @@ def pushes(s: Signals) -> list[Clue]:
 
 
 def sliding(s: Signals) -> list[Clue]:
-    """Find feet that slide on the ground: several are a sign of low friction, one alone is an effect of another fault.
+    """Find feet that slide under load: several are a sign of low friction, one alone is an effect of another fault.
 
     Several are two at once or, where the recording has truth, `IN_TURN` of them one after another.
     """
@@ -195,7 +201,7 @@ def sliding(s: Signals) -> list[Clue]:
         n = round(SLIDES_S / 0.01)
         if len(way) <= n:
             return []
-        slid = (way[n:] - way[:-n] > SLIDES_M) & (way[:-n] >= 0.0)
+        slid = (way[n:] - way[:-n] > SLIDES_M) & (way[:-n] >= 0.0) & _bears(s.column("sim/truth", "foot_force_n"), n)
         times = times[: len(slid)]
     elif s.rows["state/velocity"]:
         times, slid = s.times("state/velocity"), s.column("state/velocity", "slipping") > 0.5
@@ -204,12 +210,48 @@ def sliding(s: Signals) -> list[Clue]:
     slid &= (times > 1.0)[:, None]
     found = _in_turn(times, slid) if s.rows["sim/truth"] else []
     for least, code in ((2, "friction"), (1, "slip")):
-        many = spans(times, slid.sum(axis=1) >= least, 0.05)
-        if many:
-            a, b = many[0]
+        for a, b in _events(spans(times, slid.sum(axis=1) >= least, 0.05)):
             feet = int(slid[(times >= a) & (times <= b)].any(axis=0).sum())
             text = f"{feet} feet slide at once, a sign of low friction" if least > 1 else "a foot slides"
-            found.append(Clue(code, a, many[-1][1], text))
+            found.append(Clue(code, a, b, text))
+    return found
+
+
+def _bears(force: Array, n: int) -> NDArray[np.bool_]:
+    """Return which feet carry `BEARS` of the mean load or more, in the mean over n rows: (rows - n, L) of (rows, L) N.
+
+    A foot that carries less is dragged by a robot that tips over, or by its leg, on any ground.
+    """
+    mean = sliding_window_view(force, n, axis=0)[: len(force) - n].mean(axis=-1)
+    standing = (mean > UNLOADED_N).sum(axis=1)
+    return mean >= BEARS * (mean.sum(axis=1) / np.maximum(standing, 1))[:, None]
+
+
+def _events(found: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return stretches, s, joined where less than `APART_S` is between them."""
+    joined: list[tuple[float, float]] = []
+    for a, b in found:
+        if joined and a - joined[-1][1] < APART_S:
+            joined[-1] = joined[-1][0], b
+        else:
+            joined.append((a, b))
+    return joined
+
+
+def support(s: Signals) -> list[Clue]:
+    """Find times in which the CoM of a robot is outside of its support.
+
+    Only of gaits that have kept their support until then: a trot leaves it in each step.
+    """
+    if not s.stands_statically:
+        return []
+    found: list[Clue] = []
+    times, margin = s.times("state/stability"), s.column("state/stability", "margin_planned")
+    times, margin = times[times > 1.0], margin[times > 1.0]
+    for a, b in spans(times, margin < 0.0, 0.05):
+        if float((margin[times < a] < 0.0).sum()) <= KEEPS * float((times < a).sum()):
+            least = 1e3 * float(np.nanmin(margin[(times >= a) & (times <= b)]))
+            found.append(Clue("support", a, b, f"it leaves its support, margin_planned falls to {least:.0f} mm"))
     return found
 
 
@@ -324,7 +366,7 @@ def consequences(s: Signals) -> list[Clue]:
 
 FINDERS = (
     services, stops, absent, thin, late, stale, camera, ranger, frozen, followed, switches, pushes, cone, sliding,
-    consequences,
+    support, consequences,
 )  # fmt: skip
 
 

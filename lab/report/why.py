@@ -77,17 +77,25 @@ def explain(path: Path, progress: Callable[[float], None] | None = None) -> Expl
     seen = [e for e in gather(signals) if e.begin <= outcome.begin and _counts(e, outcome, signals)]
     cause = _first(seen)
     chain = () if cause is None else tuple(e for e in seen if e is not cause and e.begin >= cause.begin)
+    if cause is not None and cause.code == "support":  # of which the margin is the evidence
+        chain = tuple(e for e in chain if e.code not in ("margin", "support"))
     return Explanation(outcome, cause, _once(chain), signals.damage, signals.jumps, signals.version)
 
 
 def _counts(clue: Clue, outcome: Clue, s: Signals) -> bool:
     """Return True if a clue may lead to an outcome: it ended at most `BEFORE_S` earlier.
 
-    The refusal with which the walker gives a walk up is that outcome itself, and no cause of it. A fault of a camera or
-    ranger leads to missed goals only, and to these also later: a wrong belief remains.
+    The refusal with which the walker gives a walk up is that outcome itself, and no cause of it, as is a foot that
+    slides of a slip. Support that is left,
+    and not regained, leads to falls and slips. A fault of a camera or ranger leads to missed goals only, and to these
+    also later: a wrong belief remains.
     """
     if outcome.code == "abandoned" and clue.code == "refused" and clue.text.partition(": ")[2] in outcome.text:
         return False
+    if outcome.code == clue.code == "slip":
+        return False
+    if clue.code == "support":
+        return outcome.code in ("fall", "slip") and clue.end >= outcome.begin - TOGETHER_S
     if clue.code not in OF_GOALS:
         return clue.end >= outcome.begin - BEFORE_S
     if outcome.code != "goal":
@@ -98,8 +106,8 @@ def _counts(clue: Clue, outcome: Clue, s: Signals) -> bool:
 
 def _first(seen: list[Clue]) -> Clue | None:
     """Return the first by `ROOTS` of the causes that begin within `TOGETHER_S` of the earliest, else the first clue."""
-    pulled = _pulled(seen)
-    roots = [e for e in seen if e.code in ROOTS and e not in pulled]
+    effects = [*_pulled(seen), *_tipping(seen)]
+    roots = [e for e in seen if e.code in ROOTS and e not in effects]
     if not roots:
         return seen[0] if seen else None
     together = [e for e in roots if e.begin <= roots[0].begin + TOGETHER_S]
@@ -113,6 +121,12 @@ def _pulled(seen: list[Clue]) -> list[Clue]:
         return []
     off = [e for e in seen if e.code == "servo" and pushed <= e.begin <= pushed + TOGETHER_S]
     return off if len(off) >= SEVERAL else []
+
+
+def _tipping(seen: list[Clue]) -> list[Clue]:
+    """Return the slides and accelerations that begin after the support is left: those of a robot that tips over."""
+    left = next((e.begin for e in seen if e.code == "support"), math.inf)
+    return [e for e in seen if e.code in ("push", "friction") and e.begin > left]
 
 
 def _once(chain: tuple[Clue, ...]) -> tuple[Clue, ...]:
