@@ -35,8 +35,28 @@ COSTS: Mapping[str, tuple[Mapping[str, float], ...]] = {
         },
     ),
     "report": ({"matrix_from_quat": 0.4, "foot_positions": 1.7, "forward": 0.4, "inverse3": 0.6},),
+    "footholds collect": (
+        {
+            "foot_positions": 1.6, "quat_from_rpy": 0.2, "multiply": 0.3, "heights": 0.9, "_forces": 0.7,
+            "_feet": 1.6, "_joints": 0.2, "_imu": 0.8, "median3": 1.5, "even_edges": 0.6, "_planes": 1.1,
+            "dilate": 0.6, "matrix_from_quat": 0.3, "clear": 2.5, "boxed": 1.8, "take_imu": 5.1, "_feet_in_imu": 1.6,
+            "take_feet": 8.5, "known_feet": 0.1, "report": 91.7, "condition_now": 1.3, "wrap_angle": 0.3,
+            "matrix_from_rpy": 0.1, "into_map": 0.2, "set_points": 9.8, "_push": 0.4, "_note": 0.1, "_put": 0.1,
+            "_at": 0.4, "_travel": 0.2, "leg_velocity": 4.4, "into_base": 0.1, "bilinear": 0.1, "box_max": 0.4,
+            "predict": 2.4, "peak": 0.1, "correct": 1.3, "patch": 0.5, "coefficients": 1.8, "_predict": 0.4,
+            "_add": 0.3, "_distances": 0.2, "_mask": 3.6, "count_reasons": 0.3, "_q": 0.5, "gradient": 0.1,
+            "_swept": 0.8, "legs_ik": 1.3, "clears": 0.5, "face_normal": 0.7, "quat_from_matrix": 0.1, "com": 0.6,
+            "targets": 0.6, "smooth": 1.5,
+        },
+    ),
     "footholds gather": (
         {"median3": 1.4, "even_edges": 0.4, "_planes": 0.9, "dilate": 0.5, "patch": 0.3, "coefficients": 1.1},
+    ),
+    "robot import": (
+        {
+            "forward": 1.1, "foot_positions": 0.5, "_feet_and_jacobians": 1.3, "matrix_from_quat": 0.2, "com": 0.7,
+            "gravity_torques": 1.3, "foot_jacobians": 0.8,
+        },
     ),
     "robot check": ({"foot_positions": 1.3, "com": 0.9},),
     "robot show": ({"forward": 1.2, "foot_positions": 0.5, "com": 0.9, "matrix_from_quat": 0.3},),

@@ -113,7 +113,8 @@ def test_kernels_with_a_cost_exist():
     for module in (
         "services.estimator.service", "services.stability.service", "services.footholds.service",
         "services.estimator.filter.log", "lab.estimation.calibrate", "lab.estimation.stances",
-        "lab.fit.estimate", "lab.train.sarsa", "lab.audit.walk",
+        "lab.fit.estimate", "lab.train.sarsa", "lab.audit.walk", "services.walker.service", "services.simulator.service",
+        "robot.leg_tree",
     ):  # fmt: skip
         import_module(f"surefoot.{module}")
     known = {each.__qualname__ for each in jit._KERNELS}
@@ -125,7 +126,8 @@ def test_kernels_with_a_cost_exist():
     ("words", "first"),
     [
         ("bag import walk.bag --robot go2", "matrix_from_quat"), ("footholds gather run.mcap", "median3"),
-        ("report run.mcap", "matrix_from_quat"), ("robot check ragno", "foot_positions"), ("bag info run.mcap", None),
+        ("report run.mcap", "matrix_from_quat"), ("footholds collect -o s.jsonl", "foot_positions"),
+        ("robot import go1.xml", "forward"), ("robot check ragno", "foot_positions"), ("bag info run.mcap", None),
         ("robot", None), ("", None),
     ],
 )  # fmt: skip
