@@ -286,13 +286,14 @@ class LeggedWalker:
         if "infeasible" in status:
             return None
         if shift != 0.0:
-            s.trunk_shift = max(-0.05, min(0.05, s.trunk_shift + shift))
-            s.adjusting = True
+            self._adjust(shift)
             return None
         swings = planning.swing_tops(frame, legs, s.footholds, feet_to)
         apex = planning.apex(legs, s.footholds, feet_to, swings[1])
         end = planning.end_pose(frame, begin, planar, s.footholds, feet_to, apex, s.trunk_shift, gait.leans)
         if end is None:
+            if 2 * s.attempts >= self.params.max_attempts and self._regain_reach(begin):
+                return None
             s.scale *= 0.5
             s.reason = "a leg does not reach its foothold at any trunk height"
             return None
@@ -310,6 +311,25 @@ class LeggedWalker:
         if gait.leans:
             s.lean = planning.rotated(-place.yaw, np.array([[end.x - place.x, end.y - place.y]]))[0]
         return plan
+
+    def _regain_reach(self, now: BodyPose) -> bool:
+        """Let the trunk, at `now`, move to where all legs reach their places; False: no height is better than this.
+
+        A step of any length begins in reach of the places where the feet stand: shorter ones do not help.
+        """
+        s = self.state
+        height = planning.height_in_reach(self.frame, now, s.footholds)
+        if height is None:
+            return False
+        self._adjust(height - planning.trunk_height(self.frame, s.footholds, now, 0.0) - s.trunk_shift)
+        s.reason = f"a leg does not reach where it stands, trunk moves by {1e3 * (height - now.z):.0f} mm"
+        return True
+
+    def _adjust(self, shift: float) -> None:
+        """Let the standing trunk move to a height that is changed by `shift`, m, before the next try of a step."""
+        s = self.state
+        s.trunk_shift = max(-0.05, min(0.05, s.trunk_shift + shift))
+        s.adjusting = True
 
     # --- outputs ---------------------------------------------------------------------------------------------------
 

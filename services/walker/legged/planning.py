@@ -20,6 +20,7 @@ from .route import moved
 from .swing import SwingShape
 
 HEIGHT_TRIALS = tuple(0.005 * k for n in range(9) for k in ((n, -n) if n else (0,)))  # m, nearest first
+FURTHER_TRIALS = tuple(0.005 * k for n in range(9, 17) for k in (n, -n))  # m, of a trunk that stands too high or low
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +197,22 @@ def end_pose(
                 return end
             second = second or end
     return second
+
+
+def height_in_reach(frame: PlanningContext, at: BodyPose, feet: Array) -> float | None:
+    """Return the height of the trunk nearest to its present one at which all legs reach the feet that they stand on, m.
+
+    None: they reach them as it is, or at no height.
+
+    Args:
+        frame: robot, settings, ground.
+        at: the trunk now.
+        feet: foot centres now, (L, 3) m, map.
+    """
+    for trial in HEIGHT_TRIALS + FURTHER_TRIALS:
+        if reaches(frame, at, replace(at, z=at.z + trial), feet, 1.0):
+            return at.z + trial if trial != 0.0 else None
+    return None
 
 
 def reaches(frame: PlanningContext, begin: BodyPose, end: BodyPose, feet: Array, part: float) -> bool:

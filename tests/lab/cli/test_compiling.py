@@ -113,8 +113,8 @@ def test_kernels_with_a_cost_exist():
     for module in (
         "services.estimator.service", "services.stability.service", "services.footholds.service",
         "services.estimator.filter.log", "lab.estimation.calibrate", "lab.estimation.stances",
-        "lab.fit.estimate", "lab.train.sarsa", "lab.audit.walk", "services.walker.service", "services.simulator.service",
-        "robot.leg_tree",
+        "lab.fit.estimate", "lab.train.sarsa", "lab.audit.walk", "services.walker.service",
+        "services.simulator.service", "robot.leg_tree",
     ):  # fmt: skip
         import_module(f"surefoot.{module}")
     known = {each.__qualname__ for each in jit._KERNELS}

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from surefoot.services.walker.interface import FootholdReply, MotionCommand, StanceVerdict
+from surefoot.services.walker.interface import BodyPose, FootholdReply, MotionCommand, StanceVerdict
+from surefoot.services.walker.legged import planning
 from surefoot.services.walker.legged.standins import nominal_footholds
-from tests.services.walker.legged.plant import PARAMS, ROBOT, obeyed
+from tests.services.walker.legged.plant import PARAMS, ROBOT, obeyed, plant
 
 
 def test_footholds_of_the_selector_are_stepped_on():
@@ -54,6 +55,21 @@ def test_raise_trunk_moves_the_trunk_and_then_the_step_is_taken():
     p, outs = obeyed(MotionCommand("walk", distance=0.1), select=select)
     assert max(o.trunk_height for o in outs) == pytest.approx(PARAMS.hip_height_m + 0.02, abs=0.003)
     assert p.walker.state.body[0] == pytest.approx(0.1, abs=0.005)
+
+
+def test_a_trunk_too_high_for_a_foot_moves_down_before_the_step():
+    """A foot in a hollow, the trunk raised for earlier steps: no shorter step had helped, the walk had ended."""
+    p = plant()
+    p.run(1.0)
+    state = p.walker.state
+    state.footholds[1, 2] -= 0.12
+    state.feet[1, 2] -= 0.12
+    state.body[2] += 0.03
+    begin = BodyPose(*state.body, state.yaw)
+    assert not planning.reaches(p.walker.frame, begin, begin, state.footholds, 1.0)
+    outs = p.obey(MotionCommand("walk", distance=0.1))
+    assert any("does not reach where it stands, trunk moves by -" in o.reason for o in outs)
+    assert (outs[-1].state, state.body[0]) == ("standing", pytest.approx(0.1, abs=0.005))
 
 
 def test_unstable_steps_are_shortened_then_refused():
