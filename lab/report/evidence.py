@@ -13,19 +13,9 @@ from surefoot.schemas.topics import TICK_S
 
 from .clue import Clue
 from .inputs import absent, camera, late, ranger, stale, thin
+from .readings import UNLOADED_N, followed, frozen, switches, wild
 from .signals import Signals, spans
 
-FROZEN_S = 0.08
-"""Least duration, s, of identical inertial samples in a row from which the inertial unit counts as frozen."""
-STUCK_S, MOVED = 0.4, 0.12
-"""`STUCK_S`: time, s, from which an encoder with a constant angle counts as stuck, if its joint's command moves by more
-than `MOVED`, rad, and another joint by more than half of that, meanwhile."""
-STILL_S, STILL_RAD = 1.0, 0.02
-"""`STILL_S`: window, s; `STILL_RAD`: change of a joint angle in it, rad, below which the joint does not move; commands
-count as lost if no joint moves while a command changes by more than `OFF_RAD`."""
-OFF_RAD, OFF_S = 0.25, 0.25
-"""`OFF_RAD`: difference of joint angle and command, rad, above which the joint does not follow; `OFF_S`: time of this,
-s, from which it counts as a servo fault."""
 SLIDES_M, SLIDES_S = 0.003, 0.3
 """`SLIDES_M`: slide of a contact point within the window `SLIDES_S`, m, above which a foot counts as sliding;
 `SLIDES_S`: length of that window, s."""
@@ -41,11 +31,6 @@ low friction; `IN_TURN_S`: length of that window, s."""
 PUSH, PUSH_S = 5.0, 0.08
 """`PUSH`: mean acceleration of the trunk, m/s^2, above which it counts as a push, as no step causes it; `PUSH_S`:
 window of this mean, s."""
-UNLOADED_N, LOADED = 0.02, 0.12
-"""`UNLOADED_N`: contact force, N, below which a foot counts as in the air; `LOADED`: share of the robot's weight on one
-foot above which the foot counts as standing."""
-WRONG_SWITCH_S = 0.2
-"""Time, s, from which a foot switch that contradicts the contact force, or without truth the gait, counts as faulty."""
 FLAT = 0.02
 """Determinant of the horizontal scatter of standing feet, as a share of its squared trace, below which they stand on
 one line."""
@@ -79,95 +64,6 @@ def stops(s: Signals) -> list[Clue]:
         if row.get("stopped"):
             return [Clue("stop", 0.01 * row.get("tick", 0), s.end, f"emergency stop: {row['stopped']}")]
     return []
-
-
-def frozen(s: Signals) -> list[Clue]:
-    """Find repeated inertial samples, and encoders that stand still while their command and other joints move."""
-    imu = np.hstack([s.column("hw/imu", "gyro"), s.column("hw/imu", "acc")]) if s.rows["hw/imu"] else np.empty((0, 6))
-    same = np.append(False, (np.diff(imu, axis=0) == 0.0).all(axis=1)) if len(imu) else np.empty(0, dtype=np.bool_)
-    found = [
-        Clue("imu", a, b, f"hw/imu repeats one sample for {b - a:.2f} s")
-        for a, b in spans(s.times("hw/imu"), same, FROZEN_S)
-    ]
-    times, q, command = _joints(s)
-    if not len(times):
-        return found
-    for j in range(q.shape[1]):
-        still = np.append(False, np.diff(q[:, j]) == 0.0)
-        for a, b in spans(times, still, STUCK_S):
-            rows = (times >= a) & (times <= b)
-            way, others = np.ptp(command[rows, j]), np.ptp(q[rows], axis=0) > 0.5 * MOVED
-            if way > MOVED and others.any():
-                text = (
-                    f"{s.joint(j)} reads {q[rows, j][0]:.3f} rad for {b - a:.2f} s, its command moves by {way:.2f} rad"
-                )
-                found.append(Clue("encoder", a, b, text))
-    return found
-
-
-def followed(s: Signals) -> list[Clue]:
-    """Find joints that do not follow their commands: a servo fault of one, or no joint moves and commands are lost."""
-    times, q, command = _joints(s)
-    if len(times) < 2:
-        return []
-    found: list[Clue] = []
-    n = max(2, round(STILL_S / float(np.median(np.diff(times)))))
-    if len(times) > n:
-        windows = (sliding_window_view(part, n, axis=0) for part in (q, command))
-        moved, wanted = (np.ptp(part, axis=-1).max(axis=1) for part in windows)
-        for a, b in spans(times[: len(moved)], (moved < STILL_RAD) & (wanted > OFF_RAD), 0.1)[:1]:
-            found.append(Clue("command", a, b + STILL_S, f"no joint moves for {b - a + STILL_S:.2f} s, commands do"))
-    off = np.abs(q - command)
-    for j in range(q.shape[1]):
-        found_off = spans(times, off[:, j] > OFF_RAD, OFF_S)
-        if found_off:  # one fault, however often the joint comes near its command meanwhile
-            a, b = found_off[0][0], found_off[-1][1]
-            near, most = times[(times <= a) & (off[:, j] < 0.3 * OFF_RAD)], off[times >= a, j].max()
-            text = f"{s.joint(j)} is up to {most:.2f} rad from its command until {b:.2f} s"
-            found.append(Clue("servo", float(near[-1]) if len(near) else a, b, text))
-    return found
-
-
-def _joints(s: Signals) -> tuple[Array, Array, Array]:
-    """Return times (n,) s from 1 s on, joint angles (n, nj) rad and the commands of 50 ms before, (n, nj) rad."""
-    none = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
-    if not s.rows["hw/joints"] or not s.rows["cmd/joints"]:
-        return none
-    times, q = s.times("hw/joints"), s.column("hw/joints", "position")
-    sent, command = s.times("cmd/joints"), s.column("cmd/joints", "position")
-    if command.ndim != 2 or q.ndim != 2 or command.shape[1] != q.shape[1]:
-        return none
-    place = np.searchsorted(sent, times - 0.05) - 1
-    known = (place >= 0) & (times > 1.0)  # the command of 50 ms before: a servo has a latency
-    return times[known], q[known], command[place[known]]
-
-
-def switches(s: Signals) -> list[Clue]:
-    """Find foot switches that contradict the true force, or without truth the plan of the gait."""
-    if not s.rows["hw/contacts"]:
-        return []
-    times = s.times("hw/contacts")
-    touch = np.array([[any(foot) for foot in row.get("touch", ())] for row in s.rows["hw/contacts"]])
-    if touch.ndim != 2:
-        return []
-    if s.rows["sim/truth"]:
-        force, at = s.column("sim/truth", "foot_force_n"), s.times("sim/truth")
-        here = force[np.clip(np.searchsorted(at, times), 0, len(at) - 1)]
-        weight = float(np.nanmedian(force.sum(axis=1)))
-        up, down, by = here < UNLOADED_N, here > LOADED * weight, "the force"
-    elif s.rows["state/gait"]:
-        stance, at = s.column("state/gait", "stance") > 0.5, s.times("state/gait")
-        here = stance[np.clip(np.searchsorted(at, times), 0, len(at) - 1)]
-        up, down, by = ~here, here, "the gait"
-    else:
-        return []
-    found: list[Clue] = []
-    for foot in range(min(touch.shape[1], up.shape[1])):
-        for wrong, word in ((touch[:, foot] & up[:, foot], "closed"), (~touch[:, foot] & down[:, foot], "open")):
-            for a, b in spans(times, wrong & (times > 1.0), WRONG_SWITCH_S):
-                text = f"the switch of {s.foot(foot)} is {word} for {b - a:.2f} s against {by}"
-                found.append(Clue("switch", a, b, text))
-    return found
 
 
 def pushes(s: Signals) -> list[Clue]:
@@ -365,7 +261,7 @@ def consequences(s: Signals) -> list[Clue]:
 
 
 FINDERS = (
-    services, stops, absent, thin, late, stale, camera, ranger, frozen, followed, switches, pushes, cone, sliding,
+    services, stops, absent, thin, late, stale, camera, ranger, frozen, wild, followed, switches, pushes, cone, sliding,
     support, consequences,
 )  # fmt: skip
 

@@ -185,7 +185,34 @@ def steepens_unseen(rows: Any) -> None:
     after(rows, "state/velocity", lambda row, n: row.update(g_up=[9.0, 0.0, 1.0]), AT)
 
 
+def wild_imu(rows: Any) -> None:
+    rng = Random(3)
+    change = lambda row, n: row.update(acc=[rng.uniform(-150.0, 150.0) for _ in range(3)])  # noqa: E731
+    after(rows, "hw/imu", change)
+    drops("state/velocity")(rows)  # the filter refuses such samples
+
+
+def wild_joints(rows: Any) -> None:
+    rng = Random(3)
+    after(rows, "hw/joints", lambda row, n: row.update(position=[rng.uniform(-3.0, 3.0) for _ in range(JOINTS)]))
+
+
+def moves_unread(rows: Any) -> None:
+    """Let all encoders stand still while the joints move."""
+    for tick, row in rows["sim/truth"].items():
+        row["joints"] = rows["cmd/joints"][tick]["position"]
+    still(rows)
+
+
+def reads_beside(rows: Any) -> None:
+    """Let one encoder read another angle than the joint has, which follows its command."""
+    for tick, row in rows["sim/truth"].items():
+        row["joints"] = rows["cmd/joints"][tick]["position"]
+    dead(rows)
+
+
 CASES: list[tuple[str, Edit]] = [
+    ("imu", wild_imu), ("joints", wild_joints), ("joints", moves_unread), ("encoder", reads_beside),
     ("friction", slides), ("friction", slides_in_turn), ("push", pushed), ("service", leaves), ("servo", dead),
     ("encoder", sticks), ("imu", freezes), ("imu", drops("hw/imu")), ("joints", drops("hw/joints")),
     ("contacts", drops("hw/contacts")), ("switch", closes), ("command", still), ("stop", stopped),
