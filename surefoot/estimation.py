@@ -115,6 +115,17 @@ class CountingEstimator(Estimator):
 class StrictEstimator(CountingEstimator):
     """An `Estimator` that raises a FieldError for each sample it refuses; the next samples are used as usual."""
 
+    def reset(self, stated: bool = True) -> None:
+        """Drop all state and counters, and begin again as before the first sample.
+
+        Args:
+            stated: True if start pose and level ground still hold; False after a restart in the middle of a walk.
+
+        Raises:
+            FieldError: `stated` is no flag.
+        """
+        super().reset(flag(stated, "stated"))
+
     def imu(self, stamp_ns: int, w: ArrayLike, q: ArrayLike, clipped: bool = False) -> InputResult:
         """Take angular rate w (3,) rad/s and specific force q (3,) m/s^2, IMU axes; raise FieldError if refused.
 

@@ -28,6 +28,8 @@ from surefoot.services.supervisor.scenarios.scenario import load_scenario, scena
 __all__ = ["LocalRun", "PhysicsWorld", "StrictWorld", "run", "scenarios", "world"]
 
 MOST_SEED = 2**31 - 1
+MOST_FRICTION, MOST_FACTOR = 10.0, 100.0
+"""`MOST_FRICTION`: largest coefficient of friction of a world; `MOST_FACTOR`: largest factor on masses and gains."""
 
 
 class StrictWorld(PhysicsWorld):
@@ -86,7 +88,7 @@ class StrictWorld(PhysicsWorld):
         if wrong := too_strong(self.robot, (x, y, z)):
             raise FieldError("range", "force", wrong)
         instance(body, "body", str, "the name of a link")
-        super().push((x, y, z), number(duration, "duration", "s"), body, whole(start_tick, "start_tick"))
+        super().push((x, y, z), number(duration, "duration", "s"), body, whole(start_tick, "start_tick", low=0))
 
     def displace(self, forward: float, left: float, turn: float, *, only_ask: bool = False) -> None:
         """Move the robot by `forward`, `left` (m) and `turn` (rad), heading axes; `only_ask`: only check the place.
@@ -102,13 +104,14 @@ class StrictWorld(PhysicsWorld):
 
         Args:
             quantity: `friction` (coefficient of the ground), `mass` or `servo` (factors on all masses, all gains).
-            value: above 0, at most 100.
+            value: above 0; a friction of at most 10, as of `world`, a factor of at most 100.
 
         Raises:
             SurefootError: unknown quantity or impossible value.
         """
         instance(quantity, "quantity", str, "the name of a quantity")
-        super().set(quantity, number(value, "value"))
+        most = MOST_FRICTION if quantity == "friction" else MOST_FACTOR
+        super().set(quantity, number(value, "value", low=0.0, high=most))
 
     def add_fault(self, fault: Fault) -> None:
         """Plan a fault, which begins at its `start_tick` and lasts for its `duration`.
@@ -189,7 +192,8 @@ def world(
         SurefootError: an argument that cannot be used, or the robot does not come to rest.
     """
     start = whole(seed, "seed", low=0, high=MOST_SEED)
-    physics = Physics() if friction is None else Physics(friction=number(friction, "friction", low=1e-6, high=10.0))
+    ground = None if friction is None else number(friction, "friction", low=1e-6, high=MOST_FRICTION)
+    physics = Physics() if ground is None else Physics(friction=ground)
     known = robot if isinstance(robot, Robot) else load_robot(robot)
     return StrictWorld(
         known, make_terrain(choice(terrain, "terrain", KINDS), start), start, WorldConfig(physics=physics)

@@ -28,6 +28,8 @@ __all__ = ["HeightMap", "LearnedModel", "PatchFoothold", "foothold", "generate",
 
 HIGHEST = 100.0
 """Largest absolute height in a terrain patch, m; a larger one is refused, as probably in millimetres."""
+STEEPEST = 5.0
+"""Largest difference of two heights of a patch, in sides of the patch; a larger one is refused, as of other units."""
 LARGEST_FOOT, LARGEST_CELL, LONGEST_STROKE = 0.5, 0.5, 2.0
 """`LARGEST_FOOT`: largest radius of a foot, m; `LARGEST_CELL`: largest edge of a cell, m; `LONGEST_STROKE`: largest
 component of a foot's stroke, m; larger ones are refused."""
@@ -71,6 +73,10 @@ def foothold(
     if not all(3 <= n <= MAX_SIDE for n in z.shape):
         raise FieldError("shape", "heights", f"got shape {z.shape}, expected 3 to {MAX_SIDE} cells a side")
     size = number(cell, "cell", "m", low=1e-4, high=LARGEST_CELL)
+    rise, side = float(np.nanmax(z) - np.nanmin(z)) if np.isfinite(z).any() else 0.0, max(z.shape) * size
+    if rise > STEEPEST * side:
+        most = f"allowed are {STEEPEST * side:g}, are these millimetres?"
+        raise FieldError("range", "heights", f"got {rise:g} m between two heights of a patch of {side:g} m, {most}")
     x, y = array(nominal, "nominal", (2,), "m").tolist()
     half_x, half_y = 0.5 * z.shape[1] * size, 0.5 * z.shape[0] * size
     if abs(x) > half_x or abs(y) > half_y:

@@ -14,10 +14,11 @@ from surefoot.bus.codec import refusal_of
 from surefoot.disk import whole
 from surefoot.errors import SurefootError
 from surefoot.lockstep.local import LocalSystem
+from surefoot.nearest import did_you_mean
 from surefoot.record.recording import HASHES, SUMMARY, ReadableRecording, open_readable, recording_info, topic_of
 from surefoot.record.runhash import RunHash
 from surefoot.schemas.footholds import SelectReply
-from surefoot.schemas.sim import FaultRequest, PushRequest, SetRequest
+from surefoot.schemas.sim import FAULT_FIELDS, FaultRequest, PushRequest, SetRequest
 from surefoot.schemas.topics import FOOTHOLDS_SELECT, HW_TICK, TICK_S, Kind
 from surefoot.services.supervisor.scenarios.recorded import RUN, present_versions, recorded_scenario
 from surefoot.services.supervisor.scenarios.scenario import Scenario, Step
@@ -31,8 +32,12 @@ from .versions import recorded_versions
 WORLD = ("friction", "mass", "servo")
 """Quantities of the simulated world that `whatif` can change: friction coefficient, factors on mass and servo gain."""
 FOOT, PUSH, FAULT = "foot", "push", "fault"
-LARGEST_SHIFT = 0.2
-"""Largest displacement of a foothold along x of the map, in either direction, that `whatif` allows, m."""
+RANGES = {
+    "friction": (0.0, 10.0, ""), "mass": (0.0, 100.0, ""), "servo": (0.0, 100.0, ""), PUSH: (-1e6, 1e6, " N"),
+    FAULT: (0.0, 3600.0, " s"), FOOT: (-0.2, 0.2, " m"),
+}  # fmt: skip
+"""Lowest and highest value of each change that `whatif` makes, with its unit; 0 itself is not allowed where it is the
+lowest. A push is also held against the weight of the robot when it begins."""
 PUSH_S = 0.2
 """Duration of a push that `whatif` applies, s."""
 FORMS = "friction=.6, mass=1.2, servo=.8, push=y:20 (N), fault=imu_drop:2 (s), foot=lf:+.02 (m)"
@@ -271,12 +276,18 @@ class Change:
             value = float(number)
         except ValueError:
             known, value = False, 0.0
-        if not sign or not known or value != value or abs(value) > 1e6:
-            raise _not_allowed(f"--set {text!r}")
+        if name not in RANGES:
+            raise _not_allowed(f"--set {text!r}: got {name!r}{did_you_mean(name, RANGES)}")
+        if not sign or not known:
+            raise _not_allowed(f"--set {text!r} is no such form")
         if name == PUSH and target not in ("x", "y"):
             raise _not_allowed(f"--set {text!r}: the axis is x or y")
-        if name == FOOT and abs(value) > LARGEST_SHIFT:
-            raise _not_allowed(f"--set {text!r}: the shift is {-LARGEST_SHIFT} to {LARGEST_SHIFT} m")
+        if name == FAULT and target not in FAULT_FIELDS:
+            raise _not_allowed(f"--set {text!r}: got fault {target!r}{did_you_mean(target, FAULT_FIELDS)}")
+        low, high, unit = RANGES[name]
+        if not (low < value <= high if low == 0.0 else low <= value <= high):
+            least = "above 0" if low == 0.0 else f"{low:g}"
+            raise _not_allowed(f"--set {text!r}: got {value:g}, allowed is {least} to {high:g}{unit}")
         change = cls(name, value, target)
         try:
             change.step(0)

@@ -39,6 +39,6 @@ def render(
     if json:
         write_json({"file": near(out), "frames": painted.frames, "bytes": size, "notes": painted.notes})
     else:
-        write(f"{near(out)}: {painted.frames} frames, {size / 1e6:.2f} MB")
+        write(f"{near(out)}: {painted.frames} frame{'s' * (painted.frames != 1)}, {size / 1e6:.2f} MB")
         for note in painted.notes:
             write(f"note  {note}")

@@ -15,7 +15,7 @@ def report(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file [beside the recording].")] = None,
     json: Json = False,
 ) -> None:
-    """Write the report of a recording, by the limits it carries. Exit code 1: a limit was not met.
+    """Write the report of a recording, by the limits it carries. Exit code 1: a limit was not met, or a part is lost.
 
     A recording holds no steps that were refused or unfinished: its best verdict is that all limits are met. Where a
     part of it or the data of a limit is missing, and no other limit is missed, the answer is NO VERDICT.
@@ -49,5 +49,5 @@ def report(
         },
         "\n".join(f"{name:<14}{text}" for name, text in lines),
     )
-    if not verdict.ok:
+    if not verdict.ok or verdict.partly:
         raise typer.Exit(EXIT_CHECK)

@@ -13,7 +13,7 @@ from surefoot.schemas.topics import TICK_S
 
 from .clue import Clue
 from .inputs import absent, camera, late, ranger, stale, thin
-from .readings import UNLOADED_N, followed, frozen, switches, wild
+from .readings import UNLOADED_N, biased, followed, frozen, switches, wild
 from .signals import Signals, spans
 
 SLIDES_M, SLIDES_S = 0.003, 0.3
@@ -261,8 +261,8 @@ def consequences(s: Signals) -> list[Clue]:
 
 
 FINDERS = (
-    services, stops, absent, thin, late, stale, camera, ranger, frozen, wild, followed, switches, pushes, cone, sliding,
-    support, consequences,
+    services, stops, absent, thin, late, stale, camera, ranger, frozen, wild, biased, followed, switches, pushes, cone,
+    sliding, support, consequences,
 )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from surefoot.arrays import Array
+from surefoot.schemas.topics import TICK_S
 
 from .clue import Clue
 from .signals import Signals, spans
@@ -33,6 +34,10 @@ WILD_S, WILD = 0.3, 0.5
 WILD_ACC, WILD_GYRO, WILD_RATE = 60.0, 20.0, 30.0
 """Acceleration, m/s^2, and rate, rad/s, of the inertial unit, and rate, rad/s, of a joint from one sample to the next,
 which a robot reaches for a moment at most, as in an impact."""
+
+BIAS, BIAS_S = 0.2, 1.0
+"""`BIAS`: difference of measured and true rate, rad/s, from which on the inertial unit counts as biased; `BIAS_S`:
+window of both means, and least time of it, s."""
 
 
 def frozen(s: Signals) -> list[Clue]:
@@ -76,6 +81,22 @@ def wild(s: Signals) -> list[Clue]:
             most = rate[(times[1:] >= a) & (times[1:] <= b)].max()
             found.append(Clue("joints", a, b, f"hw/joints jumps by up to {most:.0f} rad/s for {b - a:.2f} s"))
     return found
+
+
+def biased(s: Signals) -> list[Clue]:
+    """Find an inertial unit that turns otherwise than the robot, by truth: means over `BIAS_S`, as a step sways it."""
+    times, gyro, at = s.times("hw/imu"), s.column("hw/imu", "gyro"), s.times("sim/truth")
+    true = s.column("sim/truth", "angular_velocity")
+    n = round(BIAS_S / TICK_S)
+    if gyro.ndim != 2 or true.ndim != 2 or len(gyro) < n or len(true) < n:
+        return []
+    here = true[np.clip(np.searchsorted(at, times), 0, len(at) - 1)]
+    turns = [np.linalg.norm(sliding_window_view(each, n, axis=0).mean(axis=-1), axis=1) for each in (gyro, here)]
+    beside = np.abs(turns[0] - turns[1])
+    for a, b in spans(times[: len(beside)], beside > BIAS, BIAS_S)[:1]:
+        most = beside[(times[: len(beside)] >= a) & (times[: len(beside)] <= b)].max()
+        return [Clue("imu", a + BIAS_S, b + BIAS_S, f"hw/imu turns by up to {most:.2f} rad/s beside the robot")]
+    return []
 
 
 def _mostly(times: Array, flags: NDArray[np.bool_]) -> list[tuple[float, float]]:

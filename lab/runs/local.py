@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from surefoot.errors import SurefootError
 from surefoot.lockstep.config import ServiceConfig, load_config
 from surefoot.lockstep.discover import service_class
 from surefoot.lockstep.driver import DriverNode
@@ -104,7 +105,11 @@ def run_local(
     Raises:
         ComposeError: the system cannot be started.
         ScenarioError: the scenario names a service that the system lacks, or configures one wrongly.
+        SurefootError: a step of the scenario ends a service, which in one process is none that could end alone.
     """
+    if killed := next((step.service for step in scenario.steps if step.do == "kill"), ""):
+        text = f"got kill of {killed}, allowed are the other steps: all services run in this process (surefoot run)"
+        raise SurefootError("invalid", text, "step")
     gc.collect()  # the run before in this process refers to itself, and holds its messages: 100 MB of a minute
     seed = scenario.seed if seed is None else seed
     compose = system_of(scenario)

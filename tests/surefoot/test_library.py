@@ -75,6 +75,10 @@ PATCH = surefoot.terrain.foothold
 FLOOR = np.zeros((20, 20))
 TURNED = surefoot.stability.ContactSet(np.zeros((3, 4)), np.zeros((3, 4)), np.ones(4))
 ROOM = surefoot.navigation.grid(FLOOR)
+KILLED = {
+    "description": "x", "compose": "ragno",
+    "step": [{"when": "ready", "do": "walk", "distance": 0.1}, {"at_tick": 300, "do": "kill", "service": "walker"}],
+}  # fmt: skip
 BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: contacts(np.zeros((4, 2))), "shape", "points", "(4, 2)"),
     (lambda: contacts(np.zeros(12)), "shape", "points", "(n, 3)"),
@@ -131,6 +135,9 @@ BAD: list[tuple[Callable[[], object], str, str, str]] = [
     (lambda: surefoot.estimation.estimator("ragno").external(0, None), "type", "external", "None"),  # type: ignore[arg-type]
     (lambda: surefoot.estimation.run("log.csv", sigma_z=1.0), "unknown_key", "sigma_z", "EstimatorParams"),
     (lambda: surefoot.estimation.estimator(feet=4).joints(0, (0, 0)), "unsupported", "joints", "robot"),
+    (lambda: surefoot.estimation.estimator("ragno").reset("x"), "type", "stated", "'x'"),  # type: ignore[arg-type]
+    (lambda: PATCH(np.diag(2.0 * np.arange(21)), 0.005, stroke=(0, 0, 0)), "range", "heights", "these millimetres"),
+    (lambda: surefoot.simulation.run(KILLED), "invalid", "step", "got kill of walker"),
     (lambda: surefoot.simulation.world(friction=0.0), "range", "friction", "1e-06"),
     (lambda: surefoot.simulation.run("stand", recording="/"), "unwritable", "recording", "cannot be written"),
     (lambda: surefoot.simulation.run("stnd"), "not_found", "", "stand"),
@@ -302,6 +309,8 @@ MISUSED: list[tuple[Callable[[surefoot.simulation.StrictWorld], object], str, st
     (lambda w: w.push((1, 2), 0.1), "force", "got shape (2,), expected shape (3,) in N"),
     (lambda w: w.push((1e9, 0, 0), 0.1, start_tick=6), "force", "got 1e+09 N, allowed are 0 to "),
     (lambda w: w.push((1, 0, 0), "long"), "duration", "got 'long'"),  # type: ignore[arg-type]
+    (lambda w: w.push((1, 0, 0), 0.1, start_tick=-5), "start_tick", "got -5, allowed is 0"),
+    (lambda w: w.set("friction", 50.0), "value", "got 50.0, allowed is 0 to 10"),
     (lambda w: w.reset(seed=-1), "seed", "got -1, allowed is 0"),
     (lambda w: w.reset(pose=(1, 2)), "pose", "got shape (2,), expected shape (3,)"),
     (lambda w: w.reset(stance="low"), "stance", "got 'low'"),  # type: ignore[arg-type]

@@ -157,8 +157,10 @@ def test_without_a_change_a_biped_on_its_way_to_a_goal_has_the_recorded_hash_to_
         ),
         ("foot=lf:1", "0.2 m"),
         ("push=z:3", "x or y"),
-        ("fault=nope:2", "imu_drop"),
-        ("friction=-1", "greater than 0"),
+        ("fault=imu_drp:2", "got fault 'imu_drp' (did you mean 'imu_drop'?)"),
+        ("friction=-1", "got -1, allowed is above 0 to 10"),
+        ("push=y:1e9", "got 1e+09, allowed is -1e+06 to 1e+06 N"),
+        ("fricton=.5", "got 'fricton' (did you mean 'friction'?)"),
     ],
 )
 def test_wrong_changes_name_what_is_allowed(text: str, part: str) -> None:

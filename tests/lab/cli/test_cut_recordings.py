@@ -81,6 +81,11 @@ def test_a_run_is_repeated_up_to_the_cut(in_process, cut):
     assert all(before == after for before, _, after in rows)
 
 
+def test_the_report_of_a_part_is_no_success(in_process, recorded, cut):
+    for file, expected in ((recorded, 0), (cut, 1)):
+        assert in_process("report", file, "-o", "part.html")[0] == expected
+
+
 def test_another_version_is_remarked(in_process, recorded, tmp_path):
     other = rewritten(recorded, tmp_path / "other.mcap", same, version="99.0.0")
     assert "recorded by surefoot 99.0.0, this is" in in_process("why", other)[1]

@@ -211,7 +211,15 @@ def reads_beside(rows: Any) -> None:
     dead(rows)
 
 
+def turns_beside(rows: Any) -> None:
+    for row in rows["sim/truth"].values():
+        row["angular_velocity"] = [0.0, 0.0, 0.0]
+    after(rows, "hw/imu", lambda row, n: row.update(gyro=[w + 0.5 for w in row["gyro"]]))
+    after(rows, "state/velocity", lambda row, n: row.update(filter_ok=False), AT + 40)
+
+
 CASES: list[tuple[str, Edit]] = [
+    ("imu", turns_beside),
     ("imu", wild_imu), ("joints", wild_joints), ("joints", moves_unread), ("encoder", reads_beside),
     ("friction", slides), ("friction", slides_in_turn), ("push", pushed), ("service", leaves), ("servo", dead),
     ("encoder", sticks), ("imu", freezes), ("imu", drops("hw/imu")), ("joints", drops("hw/joints")),
