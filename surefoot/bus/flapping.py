@@ -1,14 +1,12 @@
-"""Detection of a client that shows and takes away liveliness tokens without end, and the end of its link.
+"""Detection of clients that show and take away liveliness tokens without end, and the end of their links.
 
 Each token that appears or vanishes costs a router about a tenth of a millisecond, whoever watches it, so that one
-client takes all the time of a processor. Zenoh does not name who shows a token, so the client is found by its traffic:
-the only connection that carries as many bytes as the tokens need, and carried less than half of it before.
+client takes all the time of a processor. Zenoh does not name who shows a token, so the clients are found by what waits
+on their connections: the messages that show and take away tokens. Where none is seen, a client is found by its
+traffic: the only connection that carries as many bytes as the tokens need, and carried less than half of it before.
 """
 # pyright: reportUnknownMemberType=false
 
-import os
-import socket
-import stat
 import threading
 import time
 from collections.abc import Callable
@@ -16,7 +14,8 @@ from contextlib import suppress
 
 import zenoh
 
-from surefoot.bus.unread import MOST_NAMED, Connection, LinkTrouble, address_of, connections
+from surefoot.bus.unread import MOST_NAMED, Connection, LinkTrouble, connections
+from surefoot.bus.waiting import Waiting, end_connection, waiting_of
 
 MOST_PER_S = 300.0
 """Largest number of tokens that appear or vanish per s in good order. Twenty services that start at once show 60
@@ -29,6 +28,14 @@ that is `AT_ONCE` tokens after it began."""
 AT_ONCE = 100
 TOKEN_BYTES = 16
 """Lower bound on the bytes of a message that shows or takes away a token: its key alone is longer."""
+EACH_PER_S = MOST_PER_S / 4
+"""Smallest number of tokens per s of a client that loses its link while all clients together show more than
+`MOST_PER_S`."""
+LOOKS_IN_FLOOD = 20
+"""Number of looks at what waits, a millisecond apart, while tokens come without end: a router that keeps up leaves
+little of it."""
+ENOUGH_BYTES = 256
+"""Bytes of a connection without a token from which on its client is not the one that shows them."""
 
 
 class Flapping:
@@ -40,6 +47,7 @@ class Flapping:
         counters: returns the byte counters by address of the other end.
         end_link: ends the connection to an address; returns whether there was one.
         clock: returns the time, s.
+        waiting: returns what waits on the connections to addresses, looked at so many times.
     """
 
     def __init__(
@@ -49,9 +57,11 @@ class Flapping:
         counters: Callable[[], dict[str, Connection]] = lambda: dict(connections()),
         end_link: Callable[[str], bool] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        waiting: Callable[[set[str], int], dict[str, Waiting]] = waiting_of,
     ) -> None:
         self._session, self._ours, self._counters, self._clock = session, ours, counters, clock
         self._end_link = end_connection if end_link is None else end_link
+        self._waiting = waiting
         self._changes, self._floods, self._at, self._ended_at = 0, 0, clock(), -AGAIN_S
         self._received: dict[str, int] = {}
         self._calm: tuple[dict[str, float], dict[str, float]] = {}, {}
@@ -91,6 +101,12 @@ class Flapping:
             self._changes, self._at = 0, now
             links = {str(link.dst).partition("/")[2]: str(link.zid) for link in self._session.info.links()}
             rates = self._rates(links, span_s)
+            foreign = {address: rate for address, rate in rates.items() if not self._ours(links[address])}
+            flood = changes > MOST_PER_S * span_s
+            seen = self._seen(foreign, LOOKS_IN_FLOOD if flood else 1)
+            shown = {address: rate * seen[address].share for address, rate in foreign.items() if address in seen}
+            # tokens under words that nothing watches are seen on their connections only
+            changes = max(changes, round(span_s * sum(shown.values())))
             if changes <= MOST_PER_S * span_s:
                 self._calm, self._floods = (self._calm[1], rates), 0
                 return
@@ -99,20 +115,34 @@ class Flapping:
             self._found.append(LinkTrouble("token_flood", text, "", changes))
             if self._floods < LOOKS and now - self._ended_at > AGAIN_S:
                 return
-            least = TOKEN_BYTES * changes / span_s
-            may = [
-                address
-                for address, rate in rates.items()
-                if rate >= least and rate > 2.0 * self._calm[0].get(address, 0.0) and not self._ours(links[address])
-            ]
-            if len(may) == 1 and self._end_link(may[0]):
-                self._ended_at = now
-                self._found.append(self._ended(links[may[0]], may[0], text))
-                if self._thread is None:
-                    thread = threading.Thread(target=self._stay, name="flapping", daemon=True)
-                    with suppress(RuntimeError):  # no memory for a thread now
-                        thread.start()
-                        self._thread = thread
+            guilty = [address for address, per_s in shown.items() if per_s >= EACH_PER_S]
+            self._end(guilty or self._by_traffic(foreign, seen, changes / span_s), links, text)
+
+    def _seen(self, rates: dict[str, float], looks: int) -> dict[str, Waiting]:
+        """Return what waits on the connections that carry enough for a client that floods, by address."""
+        fast = {address for address, rate in rates.items() if rate >= TOKEN_BYTES * EACH_PER_S}
+        return self._waiting(fast, looks) if fast else {}
+
+    def _by_traffic(self, rates: dict[str, float], seen: dict[str, Waiting], per_s: float) -> list[str]:
+        """Return the address of the only connection that may carry so many tokens per s, none where there are two."""
+        may = [
+            address
+            for address, rate in rates.items()
+            if rate >= TOKEN_BYTES * per_s and rate > 2.0 * self._calm[0].get(address, 0.0)
+        ]
+        other = [address for address in may if address in seen and seen[address].other_than_tokens(ENOUGH_BYTES)]
+        return may if len(may) == 1 and not other else []
+
+    def _end(self, addresses: list[str], links: dict[str, str], text: str) -> None:
+        for address in addresses:
+            if self._end_link(address):
+                self._ended_at = self._at
+                self._found.append(self._ended(links[address], address, text))
+        if self._thread is None and self._ended_at == self._at:
+            thread = threading.Thread(target=self._stay, name="flapping", daemon=True)
+            with suppress(RuntimeError):  # no memory for a thread now
+                thread.start()
+                self._thread = thread
 
     def _rates(self, links: dict[str, str], span_s: float) -> dict[str, float]:
         """Return the bytes per s that came over each link since the last check, by address of the other end."""
@@ -135,22 +165,3 @@ class Flapping:
                     self._check()
         finally:
             self._thread = None
-
-
-def end_connection(address: str) -> bool:
-    """End the TCP connection of this process to an address; return False if there is none."""
-    try:
-        numbers = [int(name) for name in os.listdir("/proc/self/fd")]
-    except OSError:
-        return False
-    for number in numbers:
-        with suppress(OSError, ValueError):  # closed meanwhile, not connected
-            if stat.S_ISSOCK(os.fstat(number).st_mode):
-                one = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 0, fileno=number)
-                try:
-                    if address_of(one) == address:
-                        one.shutdown(socket.SHUT_RDWR)
-                        return True
-                finally:
-                    one.detach()  # the descriptor is the network library's
-    return False

@@ -122,23 +122,33 @@ def _unread(name: str, address: str, waiting: int) -> LinkTrouble:
 
 def connections() -> Iterator[tuple[str, Connection]]:
     """Yield address of the other end and byte counters of each TCP connection of this process."""
+    for address, one in sockets():
+        with suppress(OSError, struct.error):  # closed meanwhile, no TCP, another kernel
+            info = one.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+            (waiting,) = struct.unpack("i", fcntl.ioctl(one.fileno(), termios.TIOCOUTQ, bytes(4)))
+            (taken,) = struct.unpack_from("Q", info, _TAKEN_AT)
+            (received,) = struct.unpack_from("Q", info, _RECEIVED_AT)
+            yield address, Connection(waiting, taken, received)
+
+
+def sockets() -> Iterator[tuple[str, socket.socket]]:
+    """Yield address of the other end and each connected socket of this process, which stays the network library's."""
     try:
         numbers = [int(name) for name in os.listdir("/proc/self/fd")]
     except OSError:
         return
     for number in numbers:
-        with suppress(OSError, ValueError, struct.error):  # closed meanwhile, no TCP, not connected, another kernel
-            if stat.S_ISSOCK(os.fstat(number).st_mode):
-                one = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 0, fileno=number)  # names spare system calls
-                try:
-                    info = one.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
-                    address = address_of(one)
-                    (waiting,) = struct.unpack("i", fcntl.ioctl(number, termios.TIOCOUTQ, bytes(4)))
-                finally:
-                    one.detach()  # the descriptor is the network library's
-                (taken,) = struct.unpack_from("Q", info, _TAKEN_AT)
-                (received,) = struct.unpack_from("Q", info, _RECEIVED_AT)
-                yield address, Connection(waiting, taken, received)
+        try:
+            if not stat.S_ISSOCK(os.fstat(number).st_mode):
+                continue
+            one = socket.socket(socket.AF_INET, socket.SOCK_STREAM, 0, fileno=number)  # names spare system calls
+        except OSError:
+            continue  # closed meanwhile
+        try:
+            with suppress(OSError, ValueError):  # closed meanwhile, not connected, of another family
+                yield address_of(one), one
+        finally:
+            one.detach()
 
 
 def address_of(one: socket.socket) -> str:

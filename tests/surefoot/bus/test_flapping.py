@@ -2,18 +2,25 @@
 
 import socket
 import threading
-from itertools import count, islice
+from contextlib import suppress
+from itertools import count
 from types import SimpleNamespace
 from typing import Any
 
-from surefoot.bus.flapping import AGAIN_S, AT_ONCE, LOOKS, MOST_NAMED, Flapping, end_connection
+import pytest
+import zenoh
+
+from surefoot.bus.flapping import AGAIN_S, AT_ONCE, LOOKS, MOST_NAMED, Flapping
 from surefoot.bus.interface import Life
 from surefoot.bus.unread import Connection, LinkTrouble
+from surefoot.bus.waiting import Waiting, end_connection
 from tests.surefoot.net import Net, wait_until
 
 FLOOD = 2000
 TOKEN = 50
 """Bytes of a message that shows a token."""
+FLAPS = Waiting(1200, 24)
+IMAGES = Waiting(60000, 0, 15)
 
 
 class Router:
@@ -22,8 +29,15 @@ class Router:
     def __init__(self, *links: str) -> None:
         self.now, self.ended = 0.0, list[str]()
         self.sent = dict.fromkeys(links, 0)
+        self.waits = dict[str, Waiting]()
+        """What waits on each link; nothing is seen of others."""
         self.flapping = Flapping(
-            self._session(), lambda name: name.startswith("sealed"), self._counters, self._end, self.time
+            self._session(),
+            lambda name: name.startswith("sealed"),
+            self._counters,
+            self._end,
+            self.time,
+            lambda addresses, looks: {one: self.waits[one[:-2]] for one in addresses if one[:-2] in self.waits},
         )
 
     def _session(self) -> Any:
@@ -73,7 +87,51 @@ def test_a_burst_is_counted_and_ends_nothing() -> None:
     assert router.ended == []
 
 
-def test_where_two_clients_may_be_the_one_neither_is_ended() -> None:
+def test_two_clients_that_flood_at_once_are_named_and_both_lose_their_links() -> None:
+    router = Router("viewer")
+    router.waits = {"a": FLAPS, "b": FLAPS, "viewer": IMAGES}
+    for _ in range(2):
+        router.second(0, viewer=0)
+    router.second(FLOOD, a=FLOOD * TOKEN // 2, b=FLOOD * TOKEN // 2, viewer=10**7)
+    assert router.ended == []
+    reports = router.second(FLOOD, a=FLOOD * TOKEN // 2, b=FLOOD * TOKEN // 2, viewer=10**7)
+    assert [one.reason for one in reports] == ["token_flood", "flooder a", "flooder b"]
+    assert router.ended == ["a", "b"]
+    router.flapping.close()
+
+
+def test_a_client_that_begins_to_send_keeps_its_link_beside_one_that_floods_and_sent_as_much_before() -> None:
+    router = Router("flapper", "starter")
+    router.waits = {"flapper": IMAGES}
+    for _ in range(2):
+        router.second(0, flapper=FLOOD * TOKEN, starter=0)
+    router.waits = {"flapper": FLAPS, "starter": IMAGES}
+    for _ in range(LOOKS):
+        router.second(FLOOD, flapper=FLOOD * TOKEN, starter=10 * FLOOD * TOKEN)
+    assert router.ended == ["flapper"]
+    router.flapping.close()
+
+
+def test_a_client_that_begins_to_send_is_not_taken_for_one_whose_tokens_are_not_seen() -> None:
+    router = Router("flapper", "starter")
+    router.waits = {"starter": IMAGES}
+    for _ in range(2):
+        router.second(0, flapper=FLOOD * TOKEN, starter=0)
+    for _ in range(3 * LOOKS):
+        router.second(FLOOD, flapper=FLOOD * TOKEN, starter=10 * FLOOD * TOKEN)
+    assert router.ended == []
+
+
+def test_a_client_that_floods_under_another_first_word_is_named_and_loses_its_link() -> None:
+    router = Router("sealed1")
+    router.waits = {"flapper": FLAPS, "sealed1": FLAPS}
+    reasons = [one.reason for _ in range(LOOKS) for one in router.second(flapper=FLOOD * TOKEN, sealed1=10**6)]
+    assert reasons == ["token_flood", "token_flood", "flooder flapper"]
+    assert router.ended == ["flapper"]
+    router.flapping.close()
+
+
+def test_where_two_clients_may_be_the_one_and_nothing_is_seen_of_either_neither_is_ended() -> None:
     router = Router("a", "b")
     for _ in range(3 * LOOKS):
         router.second(FLOOD, a=FLOOD * TOKEN, b=FLOOD * TOKEN)
@@ -131,27 +189,45 @@ def test_the_connection_to_an_address_is_ended_and_no_other() -> None:
     assert not end_connection("127.0.0.1:1")
 
 
-def test_over_the_network_a_client_that_flaps_is_ended_and_another_one_goes_on() -> None:
-    net = Net()
+@pytest.mark.parametrize(
+    ("word", "flappers"), [("alive", 1), ("alive", 2), ("elsewhere", 1)], ids=["one", "two", "another-word"]
+)
+def test_over_the_network_clients_that_flap_are_ended_and_another_one_goes_on(word: str, flappers: int) -> None:
+    net, over = Net(), threading.Event()
     try:
-        seen, reports = list[Life](), list[LinkTrouble]()
+        seen, reasons = list[Life](), set[str]()
         net.router.watch(seen.append)
-        viewer, flapper = net.open("client"), net.plain()
+        viewer, some = net.open("client"), [net.plain() for _ in range(flappers)]
         viewer.announce("viewer", "1")
         wait_until(lambda: Life("viewer", "1", True) in seen)
-        name, numbers = str(flapper.zid()), count()
 
-        def flaps() -> bool:
-            for number in islice(numbers, 1000):
-                flapper.liveliness().declare_token(f"{net.namespace}/alive/walker/{number}").undeclare()
-            reports.extend(net.router.look_at_links())
-            return any(one.reason == f"flooder {name}" for one in reports)
+        def flaps(session: zenoh.Session) -> None:
+            with suppress(zenoh.ZError):  # its link was ended
+                for number in count():
+                    if over.is_set():
+                        return
+                    session.liveliness().declare_token(f"{net.namespace}/{word}/walker/{number}").undeclare()
 
-        wait_until(flaps)
-        assert any(one.reason == "token_flood" for one in reports)
+        threads = [threading.Thread(target=flaps, args=(one,)) for one in some]
+        names = {f"flooder {one.zid()}" for one in some}
+        for one in threads:
+            one.start()
+
+        def named() -> bool:
+            reasons.update(one.reason for one in net.router.look_at_links())
+            return names <= reasons
+
+        wait_until(named)
+        assert "token_flood" in reasons
+        assert not [one for one in reasons - names if one.startswith("flooder")]
+        over.set()
+        for one in threads:
+            one.join()
         assert Life("viewer", "1", False) not in seen
         viewer.announce("viewer", "2")
         wait_until(lambda: Life("viewer", "2", True) in seen)
-        flapper.close()
+        for one in some:
+            one.close()
     finally:
+        over.set()
         net.close()
