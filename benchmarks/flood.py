@@ -61,6 +61,16 @@ subscriber = session.declare_subscriber(sys.argv[2], zenoh.handlers.FifoChannel(
 print("subscribed", flush=True)
 time.sleep(600)
 """
+FLAPPER = """
+import json, sys, threading, time, zenoh
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
+session, number, end = zenoh.open(config), 0, time.monotonic() + float(sys.argv[3])
+print(session.zid(), flush=True)
+while time.monotonic() < end:
+    number += 1
+    session.liveliness().declare_token(f"{sys.argv[2]}/{number}").undeclare()
+session.close()
+"""
 VISITOR = """
 import json, sys, time, zenoh
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}))
@@ -116,6 +126,36 @@ def floods(*, only: str = "") -> None:
             released = {tick for tick in numbers["hw/tick"] if first <= tick <= last}
             left = {key: len(released - numbers[key]) for key in OUTPUTS}
             print(f"{what}: {last - first + 1 - len(released)} of {last - first + 1} ticks lost, left out {left}")
+
+
+@BENCH.part("--clients 2")
+def flappers(*, clients: int = 2, word: str = "alive/walker", seconds: float = 6.0) -> None:
+    """Clients show and take away liveliness tokens without a pause beside a running system.
+
+    Printed are the ticks of each second, and how many of the clients the status names.
+
+    Args:
+        clients: number of clients, which begin at once.
+        word: first words of the tokens' keys, after the namespace.
+        seconds: wall time for which they do it.
+    """
+    with (
+        tempfile.TemporaryDirectory() as name,
+        up(Path(name)) as machine,
+        machine.session() as session,
+        ExitStack() as all_of,
+    ):
+        ticks = Ticks(session, machine.namespace)
+        time.sleep(SPAN_S)
+        began = time.monotonic()
+        command = [sys.executable, "-c", FLAPPER, machine.address, f"{machine.namespace}/{word}", str(seconds)]
+        some = [all_of.enter_context(running(command, stdout=subprocess.PIPE, text=True)) for _ in range(clients)]
+        names = [one.stdout.readline().strip() for one in some if one.stdout]
+        time.sleep(seconds + 1.0)
+        rates = [ticks.rate(began + second, began + second + 1.0) for second in range(int(seconds))]
+        status = str(machine.status())
+    print(f"ticks/s in each second {[round(rate) for rate in rates]}")
+    print(f"{sum(f'flooder {one}' in status for one in names)} of {clients} clients named")
 
 
 def _flood(

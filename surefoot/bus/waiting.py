@@ -1,4 +1,4 @@
-"""What waits on the TCP connections of this process and the network library has not read yet; on Linux only."""
+"""Bytes on the TCP connections of this process that the network library has not read yet; on Linux only."""
 
 import re
 import socket

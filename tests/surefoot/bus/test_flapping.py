@@ -30,7 +30,7 @@ class Router:
         self.now, self.ended = 0.0, list[str]()
         self.sent = dict.fromkeys(links, 0)
         self.waits = dict[str, Waiting]()
-        """What waits on each link; nothing is seen of others."""
+        """Bytes that wait on each link; nothing is seen of others."""
         self.flapping = Flapping(
             self._session(),
             lambda name: name.startswith("sealed"),

@@ -1,4 +1,4 @@
-"""What waits on a connection is seen, its tokens are counted, and nothing is taken away."""
+"""Bytes that wait on a connection are seen, their tokens are counted, and nothing is taken away."""
 
 import random
 import socket
