@@ -15,6 +15,8 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "surefoot/bus/codec.py": ("tests/schemas", "tests/surefoot/bus/test_frame.py"),
     "surefoot/bus/frame.py": ("tests/surefoot/bus/test_frame.py", "tests/surefoot/lockstep"),
     "surefoot/bus/asking.py": ("tests/surefoot/bus/test_asking_rules.py", "tests/surefoot/bus/test_asking.py"),
+    "surefoot/bus/flapping.py": ("tests/surefoot/bus/test_flapping.py", "tests/surefoot/bus/test_waiting.py"),
+    "surefoot/bus/waiting.py": ("tests/surefoot/bus/test_waiting.py",),
     "surefoot/bus/inbox.py": ("tests/surefoot/bus/test_inbox.py", "tests/surefoot/lockstep/test_overload.py"),
     "surefoot/bus/endpoint.py": ("tests/lab/cli/test_cli.py", "tests/surefoot/bus/test_endpoint.py"),
     "surefoot/files.py": ("tests/surefoot/test_files.py",),

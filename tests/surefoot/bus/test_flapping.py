@@ -164,6 +164,33 @@ def test_the_same_client_by_a_new_link_loses_it_at_once_for_a_while() -> None:
     assert [one.reason for one in router.second(FLOOD, again=FLOOD * TOKEN)][-1] == "token_flood"
 
 
+def test_between_two_looks_the_links_are_checked_once_for_each_hundred_tokens() -> None:
+    router = Router()
+    for _ in range(LOOKS):
+        router.second(FLOOD, again=FLOOD * TOKEN)
+    flapping = router.flapping
+    flapping.close()
+    flapping._over = False  # pyright: ignore[reportPrivateUsage]
+
+    def end(address: str) -> bool:
+        router.ended.append(address[:-2])
+        flapping._over = True  # pyright: ignore[reportPrivateUsage]
+        return True
+
+    flapping._end_link = end  # pyright: ignore[reportPrivateUsage]
+    router.now += 0.1
+    router.sent["again"] += AT_ONCE * TOKEN
+    for _ in range(AT_ONCE):
+        flapping.note()
+    flapping._due.set()  # pyright: ignore[reportPrivateUsage]
+    flapping._stay()  # pyright: ignore[reportPrivateUsage]
+    assert router.ended == ["again", "again"]
+    flapping._over = False  # pyright: ignore[reportPrivateUsage]
+    router.now += 2 * AGAIN_S
+    flapping._stay()  # pyright: ignore[reportPrivateUsage]
+    assert router.ended == ["again", "again"]
+
+
 def test_few_clients_are_named() -> None:
     router, reasons = Router(), set[str]()
     for number in range(2 * MOST_NAMED):
