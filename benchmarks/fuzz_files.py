@@ -37,7 +37,12 @@ def beside(folder: Path) -> Iterator[Path]:
 ASC = b"ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 0.1\nNODATA_value -9999\n1 2\n3 -9999\n"
 CSV = b"t,gx,gy,gz,ax,ay,az\n0.0,0,0,0,0,0,9.81\n0.01,0,0,0,0,0,9.81\n"
 YAML = b"image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.25\nnegate: 0\n"
-"""Good contents of a height map, a log and a floor map."""
+ZONES = b"""zones:
+  - {name: stairs, type: keepout, polygon: [[1.0, 0.2], [1.6, 0.2], [1.6, 1.0]]}
+  - {name: ramp, type: speed_limit, speed_limit: 0.03, percentage: false, polygon: [[4, 0], [5, 0], [5, 1]]}
+"""
+MASKS = b"zones:\n  - {name: hall, type: speed_limit, mask: mask.yaml, base: 100.0, multiplier: -1.0}\n"
+"""Good contents of a height map, a log, a floor map and lists of zones."""
 
 
 def texts(pattern: str) -> tuple[bytes, ...]:
@@ -82,7 +87,7 @@ def formats(folder: Path) -> tuple[Format, ...]:
     from surefoot.services.navigator.belief.landmarks import FloorLandmarks
     from surefoot.services.navigator.config import NavigatorConfig
     from surefoot.services.navigator.memory import GoalMemory
-    from surefoot.services.navigator.planning import map_files
+    from surefoot.services.navigator.planning import map_files, zone_files
     from surefoot.services.navigator.policy.files import load_policy
     from surefoot.services.supervisor.processes.compose import load_compose
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
@@ -100,6 +105,11 @@ def formats(folder: Path) -> tuple[Format, ...]:
         (path.parent / "m.pgm").write_bytes(b"P5\n2 2\n255\n\x00\xff\x80\x00")
         return map_files.load(path)
 
+    def load_zones(path: Path) -> object:
+        (path.parent / "mask.yaml").write_bytes(YAML)
+        (path.parent / "m.pgm").write_bytes(b"P5\n2 2\n255\n\x00\xff\x80\x00")
+        return zone_files.load(path)
+
     def load_navigator(path: Path) -> object:
         return load_config(NavigatorConfig, "navigator", path)
 
@@ -116,6 +126,7 @@ def formats(folder: Path) -> tuple[Format, ...]:
         Format("height map", ".npz", (made("h.npz", lambda p: heightmap_files.save(ground, p)),), heightmap_files.load),
         Format("height map", ".asc", (ASC,), heightmap_files.load),
         Format("floor map", ".yaml", (YAML,), load_map),
+        Format("zones", ".yaml", (ZONES, MASKS), load_zones),
         Format("floor image", ".pgm", (b"P5\n2 2\n255\n\x00\xff\x80\x00", b"P2\n2 2\n255\n0 255 128 0\n"), load_image),
         Format("landmarks", ".npz", (made("l.npz", lambda p: landmark_files.save(marks, p)),), landmark_files.load),
         Format("policy", ".npz", texts("services/navigator/policy/shipped/*.npz"), load_policy),
