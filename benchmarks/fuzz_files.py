@@ -41,6 +41,7 @@ ZONES = b"""zones:
   - {name: stairs, type: keepout, polygon: [[1.0, 0.2], [1.6, 0.2], [1.6, 1.0]]}
   - {name: ramp, type: speed_limit, speed_limit: 0.03, percentage: false, polygon: [[4, 0], [5, 0], [5, 1]]}
 """
+IMAGE = b"P5\n2 2\n255\n\x00\xff\x80\x00"
 MASKS = b"zones:\n  - {name: hall, type: speed_limit, mask: mask.yaml, base: 100.0, multiplier: -1.0}\n"
 """Good contents of a height map, a log, a floor map and lists of zones."""
 
@@ -73,6 +74,32 @@ def written(folder: Path, name: str, write: Callable[[Path], object]) -> bytes:
     return content
 
 
+def load_map(path: Path) -> object:
+    """Return the floor map of a file, beside which its image is written."""
+    from surefoot.services.navigator.planning import map_files
+
+    (path.parent / "m.pgm").write_bytes(IMAGE)
+    return map_files.load(path)
+
+
+def load_image(path: Path) -> object:
+    """Return the floor map whose image a file is."""
+    from surefoot.services.navigator.planning import map_files
+
+    text = path.parent / "m.yaml"
+    text.write_bytes(YAML)
+    return map_files.load(text)
+
+
+def load_zones(path: Path) -> object:
+    """Return the zones of a file, beside which their mask is written."""
+    from surefoot.services.navigator.planning import zone_files
+
+    (path.parent / "mask.yaml").write_bytes(YAML)
+    (path.parent / "m.pgm").write_bytes(IMAGE)
+    return zone_files.load(path)
+
+
 def formats(folder: Path) -> tuple[Format, ...]:
     """Return every kind of file that is read, with contents that are good."""
     from surefoot.files import read_regular
@@ -87,7 +114,6 @@ def formats(folder: Path) -> tuple[Format, ...]:
     from surefoot.services.navigator.belief.landmarks import FloorLandmarks
     from surefoot.services.navigator.config import NavigatorConfig
     from surefoot.services.navigator.memory import GoalMemory
-    from surefoot.services.navigator.planning import map_files, zone_files
     from surefoot.services.navigator.policy.files import load_policy
     from surefoot.services.supervisor.processes.compose import load_compose
     from surefoot.services.supervisor.scenarios.scenario import load_scenario
@@ -101,22 +127,8 @@ def formats(folder: Path) -> tuple[Format, ...]:
     walk = made("w.json", lambda p: MemoryFile(str(p)).keep(1, 2, WalkMemory(1, None, None, None)))
     goal = b'{"epoch": 1, "tick": 2, "number": 1, "pose": [0, 0, 0], "covariance": [0,0,0,0,0,0,0,0,0], "odom": null, "goal": null, "state": "idle", "end": ["idle", "", ""], "ended": 0.0, "planned": []}'  # noqa: E501
 
-    def load_map(path: Path) -> object:
-        (path.parent / "m.pgm").write_bytes(b"P5\n2 2\n255\n\x00\xff\x80\x00")
-        return map_files.load(path)
-
-    def load_zones(path: Path) -> object:
-        (path.parent / "mask.yaml").write_bytes(YAML)
-        (path.parent / "m.pgm").write_bytes(b"P5\n2 2\n255\n\x00\xff\x80\x00")
-        return zone_files.load(path)
-
     def load_navigator(path: Path) -> object:
         return load_config(NavigatorConfig, "navigator", path)
-
-    def load_image(path: Path) -> object:
-        text = path.parent / "m.yaml"
-        text.write_bytes(YAML)
-        return map_files.load(text)
 
     return (
         Format("compose file", ".yaml", texts("compose/*.yaml"), load_compose),
@@ -127,7 +139,7 @@ def formats(folder: Path) -> tuple[Format, ...]:
         Format("height map", ".asc", (ASC,), heightmap_files.load),
         Format("floor map", ".yaml", (YAML,), load_map),
         Format("zones", ".yaml", (ZONES, MASKS), load_zones),
-        Format("floor image", ".pgm", (b"P5\n2 2\n255\n\x00\xff\x80\x00", b"P2\n2 2\n255\n0 255 128 0\n"), load_image),
+        Format("floor image", ".pgm", (IMAGE, b"P2\n2 2\n255\n0 255 128 0\n"), load_image),
         Format("landmarks", ".npz", (made("l.npz", lambda p: landmark_files.save(marks, p)),), landmark_files.load),
         Format("policy", ".npz", texts("services/navigator/policy/shipped/*.npz"), load_policy),
         Format("slip model", ".json", texts("services/footholds/models/shipped/*.json"), models_of_slip.load),

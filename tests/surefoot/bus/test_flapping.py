@@ -178,7 +178,8 @@ def test_between_two_looks_the_links_are_checked_once_for_each_hundred_tokens() 
         return True
 
     flapping._end_link = end  # pyright: ignore[reportPrivateUsage]
-    router.now += 0.1
+    moments = count(1)
+    flapping._clock = lambda: router.now + 0.1 * next(moments)  # pyright: ignore[reportPrivateUsage]
     router.sent["again"] += AT_ONCE * TOKEN
     for _ in range(AT_ONCE):
         flapping.note()
@@ -186,7 +187,7 @@ def test_between_two_looks_the_links_are_checked_once_for_each_hundred_tokens() 
     flapping._stay()  # pyright: ignore[reportPrivateUsage]
     assert router.ended == ["again", "again"]
     flapping._over = False  # pyright: ignore[reportPrivateUsage]
-    router.now += 2 * AGAIN_S
+    router.now += 3 * AGAIN_S
     flapping._stay()  # pyright: ignore[reportPrivateUsage]
     assert router.ended == ["again", "again"]
 
