@@ -33,6 +33,11 @@ ENDING = re.compile(r"\.(py|md|toml|yaml|json|png|cff)$")
 DECISION = re.compile(r"^\*\*(.+?)\*\*", re.MULTILINE)
 ROW = re.compile(r"^\| (.+) \| \d{4}-\d\d-\d\d \| (?:in force|rejected) \| \[.+\]\((.+)\) \|$", re.MULTILINE)
 FAULT = re.compile(r"^\| ((?!fault |---)[^|]+?) \| [^|]+ \| [^|]+ \| ([^|]+) \|$", re.MULTILINE)
+NUMBERS = 3
+"""Most numbers in a paragraph or remark of docs/measured.md; more are rows of a table."""
+NUMBER = re.compile(r"(?<![\w.])\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d+)?(?![\w]*/)")
+NO_FIGURE = re.compile(r"`[^`\n]*`|\]\([^)]*\)|\b\d{4}-\d\d-\d\d\b")
+"""Pattern of what holds digits but states no figure: code, targets of links, dates."""
 MADE = {line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()}
 """Names that commands make, as `runs` by `surefoot run`: they are there or not."""
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")} - MADE
@@ -169,6 +174,17 @@ def test_page_of_parameters_is_the_generated_one() -> None:
     assert text == configuration_page.page(), "python -m surefoot.lab.configuration_page > docs/configuration.md"
     lines = [line.rsplit(" | ", 2) for line in text.splitlines() if line.startswith("| `")]
     assert all(meaning for _, meaning, _ in lines), "a field of a Config has no description"
+
+
+def crowded(text: str) -> list[str]:
+    """Return the paragraphs and remarks of a page with more than `NUMBERS` numbers."""
+    prose = [line for line in text.splitlines() if not line.startswith(("|", "#"))]
+    return [line for line in prose if len(NUMBER.findall(NO_FIGURE.sub("", line))) > NUMBERS]
+
+
+def test_figures_of_measured_stand_in_tables() -> None:
+    assert not crowded((ROOT / "docs" / "measured.md").read_text(encoding="utf-8"))
+    assert crowded("- 3 of 1000 files in 2 s, 7 refused\n") and not crowded("- since 2026-11-26 2 of `0:30`, 10 000\n")
 
 
 def test_nothing_cites_what_a_reader_does_not_have() -> None:
