@@ -187,6 +187,11 @@ def test_figures_of_measured_stand_in_tables() -> None:
     assert crowded("- 3 of 1000 files in 2 s, 7 refused\n") and not crowded("- since 2026-11-26 2 of `0:30`, 10 000\n")
 
 
+def test_the_readme_is_a_screen_and_a_half() -> None:
+    lines = LINK.sub("]", (ROOT / "README.md").read_text(encoding="utf-8")).splitlines()
+    assert sum(max(1, -(-len(line) // 110)) for line in lines) <= 80, "docs/guide.md has room"
+
+
 def test_nothing_cites_what_a_reader_does_not_have() -> None:
     files = [file for folder in FOLDERS - {"tests"} for file in (ROOT / folder).rglob("*.[pmty][ydoa]*")]
     citing = [file.relative_to(ROOT) for file in (*files, *PAGES) if file.is_file() and cites_a_note(file)]
