@@ -6,7 +6,7 @@ Its feet are 20 mm in radius and its map has cells of 12.5 mm, both 2.5 times th
 import numpy as np
 
 from surefoot.services.footholds.models.files import load, shipped
-from surefoot.services.footholds.patch import choose_on_patch
+from surefoot.services.footholds.patch import PatchStep, choose_on_patch
 
 CELL, FOOT, STROKE = 0.0125, 0.02, (-0.10, 0.0, 0.0)
 FEET = {"FL": (0.35, 0.15), "FR": (0.35, -0.15), "RL": (-0.25, 0.15), "RR": (-0.25, -0.15)}
@@ -26,7 +26,7 @@ def main() -> None:
     steps = CELL * (np.arange(21) - 10)
     for leg, (x, y) in FEET.items():
         patch = height(x + steps[None, :], y + steps[:, None])
-        found = choose_on_patch(patch, CELL, (0.0, 0.0), model, STROKE, FOOT)
+        found = choose_on_patch(patch, CELL, model, PatchStep(STROKE, FOOT))
         if found.foothold is None or found.rectangle is None:
             print(f"{leg}: no foothold, {found.counts}")
             continue

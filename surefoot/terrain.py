@@ -22,7 +22,7 @@ from surefoot.geometry.heightmap_files import save as save_npz
 from surefoot.services.footholds.models.files import load as load_model
 from surefoot.services.footholds.models.files import shipped
 from surefoot.services.footholds.models.learned import LearnedModel
-from surefoot.services.footholds.patch import MAX_SIDE, PatchFoothold, choose_on_patch
+from surefoot.services.footholds.patch import MAX_SIDE, PatchFoothold, PatchStep, choose_on_patch
 
 __all__ = ["HeightMap", "LearnedModel", "PatchFoothold", "foothold", "generate", "load", "save", "slip_model"]
 
@@ -88,10 +88,8 @@ def foothold(
     scaled = known.scaled(size / known.conditions.cell) if size != known.conditions.cell else known
     radius = scaled.conditions.foot_radius if foot_radius is None else foot_radius
     push = array(stroke, "stroke", (3,), "m", low=-LONGEST_STROKE, high=LONGEST_STROKE)
-    return choose_on_patch(
-        z, size, (x, y), scaled, push.tolist(), number(radius, "foot_radius", "m", low=1e-3, high=LARGEST_FOOT),
-        allowed=free,
-    )  # fmt: skip
+    step = PatchStep(push.tolist(), number(radius, "foot_radius", "m", low=1e-3, high=LARGEST_FOOT), (x, y))
+    return choose_on_patch(z, size, scaled, step, allowed=free)
 
 
 def generate(kind: str = "rough", seed: int = 0, amplitude: float | None = None) -> HeightMap:

@@ -47,7 +47,9 @@ class FootholdsConfig(ServiceConfig):
         default="off",
         description="learn again while walking, from the slip that the robot measures: counted by samples, or as (19)",
     )
-    relearn_weight: float = Field(default=1.0, ge=0, le=1, description="c of re-learning, the weight of new outcomes")
+    relearn_weight: float = Field(
+        default=1.0, ge=0, le=1, description="c of re-learning, the weight of new outcomes, no unit"
+    )
     relearn_every: int = Field(default=60, ge=1, le=100_000, description="outcomes of a round of re-learning")
     relearn_file: str = Field(
         default="", max_length=4096, description="file that keeps the re-learned model over restarts; empty = none"
@@ -63,15 +65,19 @@ class FootholdsConfig(ServiceConfig):
     wedge_limit: float = Field(default=_LIMITS.wedge, ge=0, le=100, description="lift by an edge, foot radii")
     reach_margin_m: float = Field(default=_LIMITS.reach_margin, ge=0, le=0.2, description="inside the workspace, m")
     leg_radius_m: float = Field(default=_LIMITS.leg_radius, ge=0, le=0.1, description="leg about its centre line, m")
-    score_flat: float = Field(default=_SCORE.flat, ge=0, le=1, description="slip on flat ground")
-    score_peak: float = Field(default=_SCORE.peak, ge=0, le=10, description="weight of peaks and top edges")
-    score_hole: float = Field(default=_SCORE.hole, ge=0, le=10, description="weight of holes")
+    score_flat: float = Field(default=_SCORE.flat, ge=0, le=1, description="slip on flat ground, way per stroke")
+    score_peak: float = Field(default=_SCORE.peak, ge=0, le=10, description="weight of peaks and top edges, no unit")
+    score_hole: float = Field(default=_SCORE.hole, ge=0, le=10, description="weight of holes, no unit")
     score_face: float = Field(
-        default=_SCORE.face, ge=0, le=10, description="weight of ground that falls away from the push"
+        default=_SCORE.face, ge=0, le=10, description="weight of ground that falls away from the push, no unit"
     )
-    score_lean: float = Field(default=_SCORE.lean, ge=0, le=10, description="gain of ground that faces the push")
-    score_rough: float = Field(default=_SCORE.rough, ge=0, le=10, description="weight of roughness")
-    score_dead: float = Field(default=_SCORE.dead, ge=0, le=10, description="convexity and roughness held for noise")
+    score_lean: float = Field(
+        default=_SCORE.lean, ge=0, le=10, description="gain of ground that faces the push, no unit"
+    )
+    score_rough: float = Field(default=_SCORE.rough, ge=0, le=10, description="weight of roughness, no unit")
+    score_dead: float = Field(
+        default=_SCORE.dead, ge=0, le=10, description="convexity and roughness held for noise, no unit"
+    )
 
     def hand_made(self) -> HandScore:
         """Return the hand-made slip model with the weights `score_*` of this configuration."""

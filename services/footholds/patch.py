@@ -1,13 +1,14 @@
 """Choice of a foothold on a patch of heights, for any robot: without leg, map or service.
 
 model = load(shipped("ragno")).scaled(2.5)
-found = choose_on_patch(z, 0.0125, (0.0, 0.0), model, stroke=(-0.06, 0.0, 0.0), foot_radius=0.02)
+found = choose_on_patch(z, 0.0125, model, PatchStep(stroke=(-0.06, 0.0, 0.0), foot_radius=0.02))
 found.foothold, found.slip, found.spread, found.rectangle
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,17 @@ from .select import SelectParams, best_cell, window_costs
 
 MAX_SIDE = 301
 """Largest number of cells along an edge of a patch; a larger patch is refused."""
+
+
+class PatchStep(NamedTuple):
+    """What a foot is about to do on a patch; axes and origin are those of the patch."""
+
+    stroke: Sequence[float]
+    """Movement of the foot relative to the body while it stands, (3,) m."""
+    foot_radius: float
+    """Radius of the foot sphere, m."""
+    nominal: tuple[float, float] = (0.0, 0.0)
+    """Where the foot would land without a choice, x and y from the middle of the patch, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +56,16 @@ class PatchFoothold:
 
 
 def choose_on_patch(
-    z: NDArray[np.floating], cell: float, nominal: tuple[float, float], model: SlipModel, stroke: Sequence[float],
-    foot_radius: float, limits: Limits | None = None, allowed: NDArray[np.bool_] | None = None, smooth: bool = True,
-    distance_weight: float | None = None,
+    z: NDArray[np.floating], cell: float, model: SlipModel, step: PatchStep, *, limits: Limits | None = None,
+    allowed: NDArray[np.bool_] | None = None, smooth: bool = True, distance_weight: float | None = None,
 ) -> PatchFoothold:  # fmt: skip
     """Return the best foothold on a patch whose middle is the origin of its frame.
 
     Args:
         z: heights, (ny, nx) m, row along y, column along x, NaN = unknown; 3 to 301 cells a side.
         cell: edge of a cell, m.
-        nominal: where the foot would land without a choice, x and y from the middle of the patch, m.
         model: predicts the slip; a learned one holds for its own cell and foot, or scaled for a robot of another size.
-        stroke: movement of the foot relative to the body while it stands, (3,) m, axes of the patch.
-        foot_radius: radius of the foot sphere, m.
+        step: stroke, foot and nominal foothold.
         limits: slope, slip and how deep a foot may wedge; None = the usual ones.
         allowed: True for cells that the leg can reach, (ny, nx); None = all.
         smooth: 3 x 3 median over the heights first.
@@ -67,15 +76,15 @@ def choose_on_patch(
         SurefootError: heights, sizes or numbers that cannot be, or a model of another cell, filter or foot.
     """
     heights = np.asarray(z, dtype=np.float32)
-    _check_arguments(heights, nominal, stroke, foot_radius, allowed, distance_weight)
+    _check_arguments(heights, step, allowed, distance_weight)
     surface = _surface(heights, cell)
-    unfit = model.unfit(cell, smooth, foot_radius)
+    unfit = model.unfit(cell, smooth, step.foot_radius)
     if unfit:
         raise SurefootError("unfit", f"{model.name}: {unfit}", "model")
-    ground = build_ground(surface, foot_radius, smooth)
+    ground = build_ground(surface, step.foot_radius, smooth)
     ny, nx = heights.shape
-    push = np.array(stroke, dtype=np.float64)
-    costs = window_costs(ground, model, (0, 0, ny, nx), push, nominal, SelectParams(distance_weight=distance_weight))
+    push, params = np.array(step.stroke, dtype=np.float64), SelectParams(distance_weight=distance_weight)
+    costs = window_costs(ground, model, (0, 0, ny, nx), push, step.nominal, params)
     mask = mask_window(ground, 0, 0, costs.slip, limits or Limits(), None)
     if allowed is not None:
         mask[~allowed] |= 1
@@ -98,12 +107,12 @@ def choose_on_patch(
 
 
 def _check_arguments(
-    z: Layer, nominal: tuple[float, float], stroke: Sequence[float], foot_radius: float,
-    allowed: NDArray[np.bool_] | None, distance_weight: float | None,
-) -> None:  # fmt: skip
+    z: Layer, step: PatchStep, allowed: NDArray[np.bool_] | None, distance_weight: float | None
+) -> None:
     """Raise SurefootError if an argument for the choice on a patch is out of range or has the wrong shape."""
     if z.ndim != 2 or not all(3 <= n <= MAX_SIDE for n in z.shape):
         raise SurefootError("invalid", f"z must have 3 to {MAX_SIDE} cells a side, got shape {z.shape}", "z")
+    stroke, foot_radius, nominal = step
     if not (math.isfinite(foot_radius) and foot_radius > 0.0):
         raise SurefootError("invalid", f"must be > 0 m, got {foot_radius!r}", "foot_radius")
     if len(stroke) != 3 or not all(map(math.isfinite, (*stroke, *nominal))):

@@ -36,7 +36,7 @@ class Ros2Config(ServiceConfig):
     """Settings of the bridge: names on ROS 2; a topic with an empty name is left out."""
 
     router: str = Field(default="tcp/127.0.0.1:7447", description="endpoint of rmw_zenohd, or of our own router")
-    domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID")
+    domain: int = Field(default=0, ge=0, le=232, description="number of the ROS domain, ROS_DOMAIN_ID")
     odom: str = Field(default="/odom", description="nav_msgs/Odometry")
     tf: str = Field(default="/tf", description="tf2_msgs/TFMessage, odom to base_link")
     joint_states: str = Field(default="/joint_states", description="sensor_msgs/JointState")

@@ -24,7 +24,7 @@ class RosRobotConfig(SensedConfig):
     """ROS 2 topics by which the robot's driver is reached."""
 
     router: str = Field(default="tcp/127.0.0.1:7447", description="endpoint of rmw_zenohd, or of our own router")
-    domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID")
+    domain: int = Field(default=0, ge=0, le=232, description="number of the ROS domain, ROS_DOMAIN_ID")
     imu: str = Field(default="/imu/data", description="topic of a sensor_msgs/Imu")
     imu_frame: str = Field(
         default="imu", pattern="imu|base_link", description="axes of its rows: unit of the robot, or trunk"

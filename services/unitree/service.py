@@ -29,7 +29,7 @@ class UnitreeConfig(SensedConfig):
     """Settings of the Unitree driver: network of the robot, and the manufacturer's order of joints and feet."""
 
     interface: str = Field(default="lo", description="network interface of the robot, e.g. eth0")
-    domain: int = Field(default=0, ge=0, le=230, description="DDS domain")
+    domain: int = Field(default=0, ge=0, le=230, description="number of the DDS domain")
     joints: tuple[str, ...] = Field(
         default=tuple(f"{leg}_{part}" for leg in LEGS for part in ("hip", "thigh", "calf")),
         max_length=MOTORS,

@@ -33,6 +33,11 @@ ENDING = re.compile(r"\.(py|md|toml|yaml|json|png|cff)$")
 DECISION = re.compile(r"^\*\*(.+?)\*\*", re.MULTILINE)
 ROW = re.compile(r"^\| (.+) \| \d{4}-\d\d-\d\d \| (?:in force|rejected) \| \[.+\]\((.+)\) \|$", re.MULTILINE)
 FAULT = re.compile(r"^\| ((?!fault |---)[^|]+?) \| [^|]+ \| [^|]+ \| ([^|]+) \|$", re.MULTILINE)
+UNIT = re.compile(
+    r"(?<![\w/])(mm?|ms|s|rad|deg|N|Nm|Hz|kg|kB|MB|%|1/\w+|\w+/(s|m|rad|kg)\d?|no unit|share|part|factor|coefficient|weight"
+    r"|radii|way per stroke|rise per way)(?!\w)"
+)
+"""Pattern of units, and of words for what has none."""
 NUMBERS = 3
 """Most numbers in a paragraph or remark of docs/measured.md; more are rows of a table."""
 NUMBER = re.compile(r"(?<![\w.])\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d+)?(?![\w]*/)")
@@ -174,6 +179,8 @@ def test_page_of_parameters_is_the_generated_one() -> None:
     assert text == configuration_page.page(), "python -m surefoot.lab.configuration_page > docs/configuration.md"
     lines = [line.rsplit(" | ", 2) for line in text.splitlines() if line.startswith("| `")]
     assert all(meaning for _, meaning, _ in lines), "a field of a Config has no description"
+    reals = [line for line in lines if re.search(r"\| float\b", line[0])]
+    assert [line[0] for line in reals if not UNIT.search(" | ".join(line[1:]))] == []
 
 
 def crowded(text: str) -> list[str]:
@@ -184,7 +191,8 @@ def crowded(text: str) -> list[str]:
 
 def test_figures_of_measured_stand_in_tables() -> None:
     assert not crowded((ROOT / "docs" / "measured.md").read_text(encoding="utf-8"))
-    assert crowded("- 3 of 1000 files in 2 s, 7 refused\n") and not crowded("- since 2026-11-26 2 of `0:30`, 10 000\n")
+    assert crowded("- 3 of 1000 files in 2 s, 7 refused\n")
+    assert not crowded("- since 2026-11-26 2 of `0:30`, 10 000\n")
 
 
 def test_the_readme_is_a_screen_and_a_half() -> None:

@@ -9,7 +9,7 @@ from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.footholds.footing import add_unsupported, footprint
 from surefoot.services.footholds.ground import build_ground
 from surefoot.services.footholds.models.files import load, shipped
-from surefoot.services.footholds.patch import choose_on_patch
+from surefoot.services.footholds.patch import PatchStep, choose_on_patch
 
 CELL = 0.005
 RAGNO = load(shipped("ragno") or "")
@@ -65,7 +65,7 @@ def test_no_foot_stands_on_the_last_known_cell_beside_a_gap_where_there_is_room(
         z = 0.002 * np.sin(200.0 * x + seed) + 0.3 * rng.uniform() * x
         away = math.cos(angle) * x + math.sin(angle) * y
         z[(away > off) & (away < off + 0.04)] = np.nan  # 4 cm wide, its edge within 8 mm of the nominal foothold
-        found = choose_on_patch(z, CELL, (0.0, 0.0), RAGNO, (-0.04, 0.0, 0.0), radius)
+        found = choose_on_patch(z, CELL, RAGNO, PatchStep((-0.04, 0.0, 0.0), radius))
         assert found.foothold is not None
         filled = HeightMap(z=z.astype(np.float32), cell=CELL, origin=(0.0, 0.0)).smoothed().z
         beside += reaches(filled, (0.0, 0.0), radius)
@@ -76,6 +76,6 @@ def test_no_foot_stands_on_the_last_known_cell_beside_a_gap_where_there_is_room(
 def test_where_every_place_reaches_into_unknown_ground_there_still_is_a_foothold() -> None:
     z = np.full((41, 41), np.nan)
     z[19:22] = 0.0  # a strip of three cells
-    found = choose_on_patch(z, CELL, (0.0, 0.0), RAGNO, (-0.04, 0.0, 0.0), 0.008)
+    found = choose_on_patch(z, CELL, RAGNO, PatchStep((-0.04, 0.0, 0.0), 0.008))
     assert found.foothold is not None
     assert abs(found.foothold[1]) < 0.003  # in its middle

@@ -14,7 +14,7 @@ from surefoot.errors import SurefootError
 from surefoot.geometry.heightmap import HeightMap
 from surefoot.services.footholds.models.files import load, shipped
 from surefoot.services.footholds.models.score import HandScore
-from surefoot.services.footholds.patch import PatchFoothold, choose_on_patch
+from surefoot.services.footholds.patch import PatchFoothold, PatchStep, choose_on_patch
 from surefoot.services.footholds.rectangles import largest_rectangle
 from surefoot.services.footholds.relief import scale_of
 
@@ -42,8 +42,8 @@ def test_the_largest_rectangle_by_trying_all(seed: int, share: float) -> None:
 
 
 def chosen(z: np.ndarray, **more: object) -> PatchFoothold:
-    given_ = {"stroke": (-0.03, 0.0, 0.0), "foot_radius": 0.008} | more
-    return choose_on_patch(z, 0.005, (0.0, 0.0), RAGNO, **given_)  # type: ignore[arg-type]
+    step = PatchStep(more.pop("stroke", (-0.03, 0.0, 0.0)), more.pop("foot_radius", 0.008))  # type: ignore[arg-type]
+    return choose_on_patch(z, 0.005, RAGNO, step, **more)  # type: ignore[arg-type]
 
 
 def test_flat_ground_keeps_the_nominal_foothold_and_a_slope_is_left() -> None:
@@ -90,8 +90,8 @@ def test_what_cannot_be(wrong: dict[str, object]) -> None:
 def test_a_larger_robot_on_larger_ground_chooses_the_same() -> None:
     model, rng = RAGNO, np.random.default_rng(4)
     z = 0.004 * rng.random((21, 21))
-    small = choose_on_patch(z, 0.005, (0.0, 0.0), model, (-0.03, 0.0, 0.0), 0.008)
-    large = choose_on_patch(4.0 * z, 0.02, (0.0, 0.0), model.scaled(4.0), (-0.12, 0.0, 0.0), 0.032)
+    small = choose_on_patch(z, 0.005, model, PatchStep((-0.03, 0.0, 0.0), 0.008))
+    large = choose_on_patch(4.0 * z, 0.02, model.scaled(4.0), PatchStep((-0.12, 0.0, 0.0), 0.032))
     assert small.foothold is not None
     assert large.foothold == pytest.approx([4.0 * value for value in small.foothold], abs=1e-6)
     assert large.slip == pytest.approx(small.slip, abs=1e-5)
@@ -131,7 +131,8 @@ def test_a_patch_that_is_turned_or_mirrored_has_the_same_foothold(kind: str, n: 
         for k, mirrored in itertools.product(range(4), (False, True)):
             axes = np.linalg.matrix_power(quarter, k) @ (mirror if mirrored else np.eye(2))
             seen = np.rot90(z[:, ::-1] if mirrored else z, -k)  # rows are y: rot90 turns from y to x
-            at = choose_on_patch(seen, 0.005, tuple(axes @ nominal), RAGNO, (*(axes @ stroke), 0.0), 0.008).foothold
+            step = PatchStep((*(axes @ stroke), 0.0), 0.008, tuple(axes @ nominal))
+            at = choose_on_patch(seen, 0.005, RAGNO, step).foothold
             found.append(None if at is None else tuple((axes.T @ at[:2]).round(6) + 0.0))
         assert len(set(found)) == 1, (seed, found)
 
