@@ -83,6 +83,13 @@ def build_services(
     return built
 
 
+def _refuse_kills(scenario: Scenario) -> None:
+    """Raise SurefootError if a step ends a service: in one process there is none that could end alone."""
+    if killed := next((step.service for step in scenario.steps if step.do == "kill"), ""):
+        text = f"got kill of {killed}, allowed are the other steps: all services run in this process (surefoot run)"
+        raise SurefootError("invalid", text, "step")
+
+
 def run_local(
     scenario: Scenario,
     seed: int | None = None,
@@ -107,13 +114,10 @@ def run_local(
         ScenarioError: the scenario names a service that the system lacks, or configures one wrongly.
         SurefootError: a step of the scenario ends a service, which in one process is none that could end alone.
     """
-    if killed := next((step.service for step in scenario.steps if step.do == "kill"), ""):
-        text = f"got kill of {killed}, allowed are the other steps: all services run in this process (surefoot run)"
-        raise SurefootError("invalid", text, "step")
+    _refuse_kills(scenario)
     gc.collect()  # the run before in this process refers to itself, and holds its messages: 100 MB of a minute
     seed = scenario.seed if seed is None else seed
-    compose = system_of(scenario)
-    director = Director(scenario)
+    compose, director = system_of(scenario), Director(scenario)
     names = [name for name in compose.services if name not in set(without)]
     request = ResetRequest(
         seed=seed, world=scenario.world, expect=tuple(names),
@@ -136,9 +140,8 @@ def run_local(
         began = time.perf_counter()
         system.run_until(lambda: leader.state == "ended" and leader.all_done())
         wall_s = time.perf_counter() - began
-        run_hash = ""
-        if "recorder" in names:
-            run_hash = system.bus.call(RECORDER_STATUS, RecorderRequest()).run_hash
+        asked = RECORDER_STATUS, RecorderRequest()
+        run_hash = system.bus.call(*asked).run_hash if "recorder" in names else ""
         verdict = judge(
             read_traces(supervisor.kept, supervisor.notes), scenario.limits, wall_s=wall_s,
             message_hash=run_hash, comparable=leader.comparable,

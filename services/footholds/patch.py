@@ -28,7 +28,7 @@ MAX_SIDE = 301
 
 
 class PatchStep(NamedTuple):
-    """What a foot is about to do on a patch; axes and origin are those of the patch."""
+    """Step of a foot onto a patch, as it is planned; axes and origin are those of the patch."""
 
     stroke: Sequence[float]
     """Movement of the foot relative to the body while it stands, (3,) m."""

@@ -7,6 +7,7 @@ traffic: the only connection that carries as many bytes as the tokens need, and 
 """
 # pyright: reportUnknownMemberType=false
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -106,7 +107,7 @@ class Flapping:
             seen = self._seen(foreign, LOOKS_IN_FLOOD if flood else 1)
             shown = {address: rate * seen[address].share for address, rate in foreign.items() if address in seen}
             # tokens under words that nothing watches are seen on their connections only
-            changes = max(changes, round(span_s * sum(shown.values())))
+            changes = max(changes, round(span_s * math.fsum(shown.values())))
             if changes <= MOST_PER_S * span_s:
                 self._calm, self._floods = (self._calm[1], rates), 0
                 return

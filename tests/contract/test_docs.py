@@ -34,8 +34,8 @@ DECISION = re.compile(r"^\*\*(.+?)\*\*", re.MULTILINE)
 ROW = re.compile(r"^\| (.+) \| \d{4}-\d\d-\d\d \| (?:in force|rejected) \| \[.+\]\((.+)\) \|$", re.MULTILINE)
 FAULT = re.compile(r"^\| ((?!fault |---)[^|]+?) \| [^|]+ \| [^|]+ \| ([^|]+) \|$", re.MULTILINE)
 UNIT = re.compile(
-    r"(?<![\w/])(mm?|ms|s|rad|deg|N|Nm|Hz|kg|kB|MB|%|1/\w+|\w+/(s|m|rad|kg)\d?|no unit|share|part|factor|coefficient|weight"
-    r"|radii|way per stroke|rise per way)(?!\w)"
+    r"(?<![\w/])(mm?|ms|s|rad|deg|N|Nm|Hz|kg|kB|MB|%|1/\w+|\w+/(s|m|rad|kg)\d?|no unit|share|part|factor|coefficient"
+    r"|weight|radii|way per stroke|rise per way)(?!\w)"
 )
 """Pattern of units, and of words for what has none."""
 NUMBERS = 3
