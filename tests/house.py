@@ -2,6 +2,7 @@
 
 Each rule is a function from sources to findings, so that tests and the command read the same. Findings that are allowed
 for now are counted per file in `tests/contract/house_allowed.json`; `python -m tests.house --allow` writes it anew.
+`python -m tests.house --lines` prints files, lines, and lines of code per folder.
 """
 
 import ast
@@ -85,6 +86,13 @@ class Source:
         for token in tokenize.generate_tokens(StringIO(self.text).readline):
             if token.type == tokenize.COMMENT:
                 yield token.start[0], token.string.lstrip("# ")
+
+    def code_lines(self) -> int:
+        """Return the number of lines that are neither blank nor comments nor docstrings."""
+        within = [node for node in self.nodes if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)]
+        prose = {line for node in within for line in range(node.lineno, (node.end_lineno or 0) + 1)}
+        every = enumerate(self.text.splitlines(), 1)
+        return sum(bool(line.strip()) and not line.lstrip().startswith("#") and k not in prose for k, line in every)
 
 
 def sources(folders: Iterable[str] = PRODUCT) -> list[Source]:
@@ -286,8 +294,23 @@ def _write(line: str) -> None:
     sys.stdout.write(line + "\n")
 
 
+def lines() -> dict[str, tuple[int, int, int]]:
+    """Return files, lines, and lines of code of each folder with Python files, and of the product together."""
+    found = {folder: sources([folder]) for folder in (*PRODUCT, *BESIDE)}
+    found["product"] = [file for folder in PRODUCT for file in found[folder]]
+    return {
+        folder: (len(files), sum(len(file.text.splitlines()) for file in files), sum(f.code_lines() for f in files))
+        for folder, files in found.items()
+    }
+
+
 def main(words: list[str]) -> None:
     """Print what breaks the rules below folders; names and numbers are compared with the whole product."""
+    if "--lines" in words:
+        _write(f"{'':10} {'files':>6} {'lines':>7} {'code':>7}")
+        for folder, (files, every, code) in lines().items():
+            _write(f"{folder:10} {files:6} {every:7} {code:7}")
+        return
     if "--allow" in words:
         ALLOWED.write_text(json.dumps(counted(), indent=1) + "\n")
         return

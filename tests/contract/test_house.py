@@ -43,6 +43,17 @@ def texts(findings: list[house.Finding]) -> list[str]:
     return [finding.text for finding in findings]
 
 
+def test_lines_of_code_leave_out_prose_and_blanks(tmp_path: Path) -> None:
+    assert (
+        source(
+            tmp_path, '"""A\nb."""\n\n# c\nx = 1  # d\n"""E."""\ndef f():\n    """G."""\n    return """\n"""\n'
+        ).code_lines()
+        == 4
+    )
+    counts = house.lines()
+    assert counts["product"] == tuple(map(sum, zip(*(counts[folder] for folder in house.PRODUCT), strict=True)))
+
+
 def test_long_functions_and_many_parameters_are_found(tmp_path: Path) -> None:
     body = "\n".join("    a += 1" for _ in range(60))
     file = source(tmp_path, f"def f(a, b, c, d, e, g, h, i, j):\n{body}\n")
