@@ -170,13 +170,13 @@ def test_what_a_foreign_recording_lacks_is_stated(
 
 
 @pytest.mark.parametrize(
-    ("change", "robot", "part"),
+    ("change", "robot", "code", "part"),
     [
-        (no_turn, "", "sim/truth for its pictures could not be read"),
-        (AN_HOUR, "", "the clock jumps: hw/tick from 2.00 to 3602.01 s"),
-        (same, "nao", "No replay: hw/joints has 18 joints, nao has 25."),
+        (no_turn, "", 1, "sim/truth for its pictures could not be read"),
+        (AN_HOUR, "", 1, "the clock jumps: hw/tick from 2.00 to 3602.01 s"),
+        (same, "nao", 0, "No replay: hw/joints has 18 joints, nao has 25."),
     ],
 )
-def test_a_report_states_what_its_recording_lacks(answer, foreign, tmp_path, change, robot, part):
-    answer("report", foreign(change, "json", robot), "-o", tmp_path / "r.html")
+def test_a_report_states_what_its_recording_lacks(in_process, foreign, tmp_path, change, robot, code, part):
+    assert in_process("report", foreign(change, "json", robot), "-o", tmp_path / "r.html")[0] == code
     assert part in (tmp_path / "r.html").read_text()
