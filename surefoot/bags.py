@@ -6,7 +6,7 @@ bags.arrays("run.mcap")["gyro"]
 
 from collections.abc import Iterator
 from os import PathLike
-from os.path import isfile
+from os.path import isdir, isfile
 from typing import Any
 
 from surefoot.arguments import file_path, instance
@@ -54,7 +54,8 @@ def info(path: str | PathLike[str]) -> dict[str, Any]:
 def check(path: str | PathLike[str]) -> Findings:
     """Return which parts of a possibly damaged recording can be read (raises SurefootError: it is no recording)."""
     if not isfile(file_path(path, "path")):
-        raise SurefootError("unreadable", f"{path}: no such file", "path")
+        text = "is a folder" if isdir(path) else "no such file"
+        raise SurefootError("unreadable", f"{path}: {text}", "path")
     return verify_recording(file_path(path, "path"))
 
 

@@ -279,6 +279,7 @@ ODD: list[tuple[Callable[[], object], str, str]] = [
     (lambda: surefoot.terrain.load("a\nb.npz"), "path", "a\\nb.npz"),
     (lambda: surefoot.bags.info("a\udc80\x1b[2J.mcap"), "", "a\\udc80\\x1b[2J.mcap"),
     (lambda: surefoot.bags.check(LONG), "path", "no such file"),
+    (lambda: surefoot.bags.check("/"), "path", "is a folder"),
     (lambda: surefoot.simulation.run(LONG), "", "no scenario is named"),
     (lambda: surefoot.terrain.slip_model(LONG), "", "cannot be read"),
 ]
