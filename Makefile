@@ -37,7 +37,7 @@ check: style ## style, layers and the quick tests (< 1 min)
 	$(BIN)/pytest -n 2 --dist loadfile tests/schemas tests/surefoot tests/contract -m "not slow and not e2e"
 
 # By file: the tests of a file share the live system that its fixture starts. In the order of tests/conftest.py.
-test: warm ## all tests but the long ones (< 8 min)
+test: warm ## all tests but the long ones (about 20 min on two cores)
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
 
 test-all: warm ## all tests
