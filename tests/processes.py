@@ -1,8 +1,9 @@
 """Processes that tests start: each is ended whatever happens, by SIGTERM and by SIGKILL at last."""
 
+import resource
 import signal
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,25 @@ def interruptible() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def full_disk(size: int) -> Iterator[Callable[[int | None], None]]:
+    """Let no file of this process, not of its children, grow beyond `size` bytes inside.
+
+    Yields a function that sets another size; None is the limit before. To be left before a test ends: pytest writes
+    the outcome of a test while its fixtures are still in force, to a file perhaps.
+    """
+    before, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def limit(size: int | None) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before if size is None else size, hard))
+
+    limit(size)
+    try:
+        yield limit
+    finally:
+        limit(None)
 
 
 def end_process(process: subprocess.Popen[Any]) -> None:

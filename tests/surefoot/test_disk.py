@@ -1,7 +1,6 @@
 """Files on full disks, and files that are none: nothing half written is left, nothing is waited for."""
 
 import os
-import resource
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,32 +22,24 @@ from surefoot.services.navigator.belief.landmark_files import load as load_landm
 from surefoot.services.navigator.memory import GoalMemory
 from surefoot.services.navigator.planning.map_files import load as load_floor
 from surefoot.services.navigator.policy.params import load as load_navigation
+from tests.processes import full_disk
 
 MAP = HeightMap(z=np.zeros((40, 40), np.float32), cell=0.02, origin=(0.0, 0.0), version=1)
 
 
-@pytest.fixture
-def full_disk() -> Any:
-    """No file of this process grows beyond 64 bytes."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (64, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-def test_a_file_is_whole_or_as_it_was_and_the_error_names_it(tmp_path: Path, full_disk: None) -> None:
+def test_a_file_is_whole_or_as_it_was_and_the_error_names_it(tmp_path: Path) -> None:
     target = tmp_path / "report.html"
     with whole(target) as part:
         part.write_text("before")
-    with pytest.raises(OSError) as raised, whole(target) as part:  # noqa: PT011 - whichever error the system gives
+    with full_disk(64), pytest.raises(OSError) as raised, whole(target) as part:  # noqa: PT011 - whichever it gives
         part.write_text("x" * 1000)
     assert raised.value.filename == str(target)
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
     assert target.read_text() == "before"
 
 
-def test_a_map_on_a_full_disk_leaves_neither_of_its_files(tmp_path: Path, full_disk: None) -> None:
-    with pytest.raises(OSError):  # noqa: PT011
+def test_a_map_on_a_full_disk_leaves_neither_of_its_files(tmp_path: Path) -> None:
+    with full_disk(64), pytest.raises(OSError):  # noqa: PT011
         save(MAP, tmp_path / "map.npz")
     assert not list(tmp_path.iterdir())
 

@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import re
-import resource
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from surefoot.services.recorder.config import RecorderConfig
 from surefoot.services.recorder.service import JOINED, Recorder
 from surefoot.services.supervisor.processes.status import health_row
 from surefoot.version import VERSION
+from tests.processes import full_disk
 from tests.surefoot.toys import ToyDriver, ToyEstimator, ToyWalker
 
 EXPECT = ("estimator", "walker", "recorder")
@@ -284,15 +284,11 @@ def test_all_before_the_tick_that_a_full_disk_names_is_in_the_file(
     monkeypatch.setattr(chunks, "CHUNK_BYTES", 4_000)
     whole, part = tmp_path / "whole.mcap", tmp_path / "part.mcap"
     record(whole, ticks=60)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     named = set[int]()
     for tenths in (4, 5, 6, 7, 8, 9):
         system, driver = begun(part, ticks=60)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (whole.stat().st_size * tenths // 10, hard))
-        try:
+        with full_disk(whole.stat().st_size * tenths // 10):
             finish(system, driver)
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         lost = int(status(system).trouble.split()[5])
         found = check(part)
         ticks: dict[str, list[int]] = {"hw/tick": [], "hw/imu": []}

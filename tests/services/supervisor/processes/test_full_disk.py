@@ -1,8 +1,8 @@
 """A disk that is full while a system runs: it goes on, the file is named once, and is written when there is room."""
 
-import resource
 import sys
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -13,6 +13,7 @@ from surefoot.services.supervisor.processes.compose import parse_compose
 from surefoot.services.supervisor.processes.keep import StartOrder, keep
 from surefoot.services.supervisor.processes.rundir import Endpoint, RunFolder
 from surefoot.services.supervisor.processes.session import Session
+from tests.processes import full_disk
 from tests.surefoot.lockstep.node_bench import Bench, Subject
 
 WAIT_S = 80.0
@@ -23,17 +24,9 @@ services:
 """
 
 
-@pytest.fixture
-def full():
-    """Return a function that limits the size of new files of this process (not of its children) to some bytes."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (soft if size is None else size, hard))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-def test_a_system_goes_on_on_a_full_disk_and_its_files_follow_once_there_is_room(listen, full, monkeypatch):
+def test_a_system_goes_on_on_a_full_disk_and_its_files_follow_once_there_is_room(listen, monkeypatch):
     notes, stop, seen = list[str](), threading.Event(), list[dict[str, int]]()
-    step = Session.step
+    step, limits = Session.step, ExitStack()
 
     def look(session):
         step(session)
@@ -42,17 +35,18 @@ def test_a_system_goes_on_on_a_full_disk_and_its_files_follow_once_there_is_room
         match len(seen):
             case 0 if stored == running != {}:
                 seen.append(running)
-                full(16)
+                limits.enter_context(full_disk(16))
                 session.system.signal_kill("a")
             case 1 if running and running != seen[0] and session.folder.trouble:
                 assert stored == {}, "the one that was killed"
                 seen.append(running)
-                full(None)
+                limits.close()
             case 2 if stored == running:
                 stop.set()
 
     monkeypatch.setattr(Session, "step", look)
-    keep(parse_compose(SYSTEM), StartOrder(World()), stop, listen=listen, notify=notes.append)
+    with limits:
+        keep(parse_compose(SYSTEM), StartOrder(World()), stop, listen=listen, notify=notes.append)
     assert len(seen) == 2
     troubles = [note for note in notes if "cannot write" in note]
     assert 1 <= len(troubles) <= 2
@@ -60,11 +54,10 @@ def test_a_system_goes_on_on_a_full_disk_and_its_files_follow_once_there_is_room
     assert not list(RunFolder("idle").path.glob(".*")), "no part of a file is left"
 
 
-def test_a_file_that_a_start_needs_is_named_and_no_part_is_left(tmp_path, full):
+def test_a_file_that_a_start_needs_is_named_and_no_part_is_left(tmp_path):
     folder = RunFolder("idle", tmp_path)
     folder.acquire()
-    full(16)
-    with pytest.raises(OSError, match=r"endpoint\.json"):
+    with full_disk(16), pytest.raises(OSError, match=r"endpoint\.json"):
         folder.write_endpoint(Endpoint("tcp/127.0.0.1:1", "a/b"))
     assert [path.name for path in folder.path.iterdir()] == ["lock"]
     folder.release()
