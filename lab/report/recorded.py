@@ -45,7 +45,7 @@ def report_recording(
     traces = read_traces(recording.messages((*KEYS, "terrain/map"), lambda share: progress(READ * share)))
     if not traces.rows:
         raise SurefootError("invalid", f"{file} has none of {', '.join(KEYS)} that can be read", "recording")
-    why, partly = explained(file, whole=not recording.damage)
+    why, partly = explained(recording, whole=not recording.damage)
     partly |= traces.refused
     notes = (*recording.notes, *filter(None, (why,)))
     progress(EXPLAINED)
@@ -80,14 +80,14 @@ def filmed(recording: ReadableRecording, about: About) -> tuple[About, Film | No
     return replace(about, feet=robot.leg_names, no_film="; ".join(film.notes)), film
 
 
-def explained(file: Path, *, whole: bool = False) -> tuple[str, bool]:
+def explained(file: Path | ReadableRecording, *, whole: bool = False) -> tuple[str, bool]:
     """Explain a recorded run: why it went wrong, which messages cannot be read, where its clock jumps.
 
     Returns:
         One sentence, empty where nothing of this is the case; and whether messages are unreadable or the clock jumps.
 
     Args:
-        file: MCAP file.
+        file: MCAP file, or the opened recording.
         whole: the file is whole: messages in it that cannot be read are reported here.
     """
     try:

@@ -90,13 +90,13 @@ class Signals:
         return max((float(self.times(key).max()) for key in CLOCKS if self.rows[key]), default=0.0)
 
 
-def read_signals(path: Path, progress: Callable[[float], None] | None = None) -> Signals:
+def read_signals(path: Path | ReadableRecording, progress: Callable[[float], None] | None = None) -> Signals:
     """Return the messages of the last epoch of a recording: those after the last reset of the system.
 
     A file that is cut off or damaged is read as far as possible.
 
     Args:
-        path: MCAP file.
+        path: MCAP file, or the opened recording.
         progress: gets the share of the recorded time that is read.
 
     Raises:
@@ -123,7 +123,7 @@ def read_signals(path: Path, progress: Callable[[float], None] | None = None) ->
     broken = [f"{count} of {key} are no messages" for key, count in sorted(lost.items())]
     found.damage = "; ".join(filter(None, (recording.damage, *broken)))
     if not found.rows:
-        raise SurefootError("invalid", f"{path} has none of {', '.join(READ)}", "recording")
+        raise SurefootError("invalid", f"{recording.path} has none of {', '.join(READ)}", "recording")
     found.jumps = _jumps(found)
     return found
 

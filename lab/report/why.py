@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from surefoot.record.recording import ReadableRecording
+
 from .clue import OF_GOALS, ROOTS, Clue
 from .evidence import gather
 from .signals import Signals, read_signals, spans
@@ -64,7 +66,7 @@ class Explanation:
         return f"{self.outcome.text} at {self.outcome.begin:.2f} s, because {lead:.2f} s before {self.cause.text}"
 
 
-def explain(path: Path, progress: Callable[[float], None] | None = None) -> Explanation:
+def explain(path: Path | ReadableRecording, progress: Callable[[float], None] | None = None) -> Explanation:
     """Return what went wrong in a recorded run, and why; `progress` gets the share that is read.
 
     Raises:

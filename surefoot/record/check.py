@@ -72,6 +72,8 @@ class Findings:
     uncounted: bool = False
     """True if the file has no readable summary, so the number of lost messages is a lower bound; False: it is exact."""
     problems: list[str] = field(default_factory=list[str])
+    outside: int = 0
+    """Number of messages that stand in no chunk, as other writers may store them."""
     size: int = 0
     """Size of the recording's file, bytes."""
     unread: int = 0
@@ -81,6 +83,8 @@ class Findings:
     pieces: list[SoundChunk] = field(default_factory=list[SoundChunk])
     channels: dict[int, str] = field(default_factory=dict[int, str])
     """Key of each channel, by channel number, whose record can be read here or in the summary."""
+    encodings: dict[int, str] = field(default_factory=dict[int, str])
+    """Encoding of the messages of each of these channels, by channel number."""
     metadata: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
     attachments: dict[str, bytes] = field(default_factory=dict[str, bytes], repr=False)
     """Content of the attached files by name; files whose checksum is wrong are left out."""
@@ -109,7 +113,7 @@ class _FileCheck:
     def __init__(self, file: IO[bytes], size: int) -> None:
         self.file, self.size = file, size
         self.found = Findings(size=size)
-        self.names: dict[int, str] = {}
+        self.channels: dict[int, Channel] = {}
         self.counts: Counter[int] = Counter()
         self.index: dict[int, list[tuple[int, int]]] | None = {}
         """Index of the messages of the last chunk, by channel: stamp, ns, and offset of each; None = the chunk is
@@ -125,7 +129,7 @@ class _FileCheck:
             summary = None
         if summary is None or summary.statistics is None:
             return None
-        self.names = {number: channel.topic for number, channel in summary.channels.items()}
+        self.channels = dict(summary.channels)
         self.starts = sorted(index.chunk_start_offset for index in summary.chunk_indexes)
         return summary.statistics.message_count
 
@@ -134,9 +138,10 @@ class _FileCheck:
         place = self._first()
         while place is not None:
             place = self._record(place)
-        found.channels = dict(self.names)
+        found.channels = {number: channel.topic for number, channel in self.channels.items()}
+        found.encodings = {number: channel.message_encoding for number, channel in self.channels.items()}
         for number, count in self.counts.items():
-            found.messages[self.names.get(number, f"channel {number}")] += count
+            found.messages[found.channels.get(number, f"channel {number}")] += count
         if self.total is None:
             found.uncounted = True
             found.problems.append("there is no summary at the end: it was cut off, or the recorder did not finish")
@@ -183,7 +188,7 @@ class _FileCheck:
                     found.pieces += [piece] * bool(self.index)
                 case Opcode.CHANNEL:
                     channel = Channel.read(stream)
-                    self.names[channel.id] = channel.topic
+                    self.channels[channel.id] = channel
                 case Opcode.ATTACHMENT:
                     found.attachments |= _attachment(stream, length)
                 case Opcode.METADATA:
@@ -191,6 +196,7 @@ class _FileCheck:
                     found.metadata[table.name] = dict(table.metadata)
                 case Opcode.MESSAGE:
                     self.counts[Message.read(stream, length).channel_id] += 1
+                    found.outside += 1
                 case _:
                     self._compare(MessageIndex.read(stream))
         except BROKEN as error:
@@ -211,7 +217,7 @@ class _FileCheck:
                 index.setdefault(channel, []).append((stamp_ns, offset))
             elif code == Opcode.CHANNEL:
                 named = Channel.read(ReadDataStream(BytesIO(record)))
-                self.names[named.id] = named.topic
+                self.channels[named.id] = named
         return index
 
     def _compare(self, told: MessageIndex) -> None:

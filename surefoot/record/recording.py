@@ -313,17 +313,29 @@ class ReadableRecording:
             keys: keys of the wanted messages; None = all.
             progress: called with the share, 0 to 1, of the recorded time that is read.
             gapless: leave out all chunks after the first place at which messages are lost.
+
+        Raises:
+            SurefootError: the file cannot be read any more, or a topic of surefoot has another encoding.
         """
-        if not self.damage:
+        if self.found.outside and not self.damage:
             yield from read_recording(self.path, keys, progress)
             return
         wanted = {number: key for number, key in self.found.channels.items() if keys is None or key in keys}
         models = {number: None if (row := topic_of(key)) is None else row.model for number, key in wanted.items()}
-        for item in sound_messages(self.path, self.gapless if gapless else self.found.pieces):
-            if progress is not None:
-                progress((item.stamp_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
-            if item.channel in wanted:
-                yield Recorded(wanted[item.channel], item.stamp_ns, models[item.channel], item.data)
+        try:
+            for item in sound_messages(self.path, self.gapless if gapless else self.found.pieces):
+                if progress is not None:
+                    progress((item.stamp_ns - self.start_ns) / max(1, self.end_ns - self.start_ns))
+                if item.channel not in wanted:
+                    continue
+                model, encoding = models[item.channel], self.found.encodings[item.channel]
+                if model is not None and encoding not in ENCODINGS:
+                    raise _foreign(self.path, wanted[item.channel], encoding)
+                yield Recorded(wanted[item.channel], item.stamp_ns, model, item.data)
+        except OSError as error:
+            raise _unreadable(self.path, error) from None
+        except BROKEN as error:  # written to since it was opened
+            raise _broken(self.path, str(error)) from None
 
 
 def recorded_by(version: str) -> str:

@@ -10,6 +10,7 @@ import pytest
 from surefoot.bus.interface import Raw
 from surefoot.lab.again.bisect import ORDER, first_difference
 from surefoot.record import recording
+from surefoot.record.check import sound_messages
 from surefoot.record.recording import RecordingWriter, read_recording, topic_of
 from surefoot.schemas.base import Header
 
@@ -91,7 +92,7 @@ def test_files_are_compared_in_bounded_memory(tmp_path, monkeypatch):
     a = write(tmp_path / "a.mcap", rows)
     b = write(tmp_path / "b.mcap", [row for row in rows if row[0] != "hw/imu" or row[1] < 20])
     read = []
-    monkeypatch.setattr(recording, "read_recording", lambda *words: read.append(words[0]) or read_recording(*words))
+    monkeypatch.setattr(recording, "sound_messages", lambda *words: read.append(words[0]) or sound_messages(*words))
     tracemalloc.start()
     found = first_difference(a, b)
     peak = tracemalloc.get_traced_memory()[1]
