@@ -1,6 +1,5 @@
 """Content of a recording as arrays: the messages of the last epoch (a reset begins a new one), as far as readable."""
 
-import json
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -9,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import from_json
 
 from surefoot.arrays import Array
 from surefoot.errors import SurefootError
@@ -107,7 +107,7 @@ def read_signals(path: Path | ReadableRecording, progress: Callable[[float], Non
     found, epoch, lost = Signals(joints=joints, feet=feet, version=recording.version), -1, Counter[str]()
     for item in recording.messages(READ, progress):
         try:
-            row = json.loads(item.data, parse_constant=_refuse)
+            row = from_json(item.data, allow_inf_nan=False)
             now = int(row["epoch"])
             if not row.keys() >= NEEDED.get(item.key, frozenset()):
                 raise ValueError(item.key)
@@ -126,11 +126,6 @@ def read_signals(path: Path | ReadableRecording, progress: Callable[[float], Non
         raise SurefootError("invalid", f"{recording.path} has none of {', '.join(READ)}", "recording")
     found.jumps = _jumps(found)
     return found
-
-
-def _refuse(constant: str) -> float:
-    """Raise ValueError for NaN or Infinity in JSON."""
-    raise ValueError(constant)
 
 
 def _names(recording: ReadableRecording) -> tuple[tuple[str, ...], tuple[str, ...]]:
