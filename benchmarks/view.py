@@ -4,7 +4,7 @@ import os
 import tempfile
 import time
 from pathlib import Path
-from subprocess import PIPE
+from subprocess import PIPE, STDOUT
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -23,6 +23,8 @@ BENCH = Bench("view")
 READY = "document.body?.dataset.ready == '1'"
 SETTLE_S = 2.0
 """Wall time before measurements begin, s."""
+LONGEST_S = 600.0
+"""Wall time after which a page without a picture is an error, s: kernels may have to be compiled first."""
 
 
 class Arrivals:
@@ -82,6 +84,32 @@ def live(seconds: float = 20.0, walk: float = 3.0) -> None:
     goal("age of a picture, p99", float(np.percentile(ages, 99)), "<=", 50.0, "ms")
     goal("bytes of a frame", float(size))
     goal("addresses of other machines asked for", len(foreign), "<=", 0)
+
+
+@BENCH.part(quick="--metres .01")
+def first(metres: float = 0.05) -> None:
+    """Measure the wall time from `surefoot run rough-terrain --view` to a picture of the robot after its first steps.
+
+    Args:
+        metres: way of the trunk between the first picture and that one, m.
+    """
+    if CHROMIUM is None:
+        raise SurefootError("not_installed", MISSING)
+    with tempfile.TemporaryDirectory() as name, Browser(Path(name) / "profile") as browser:
+        began = time.monotonic()
+        command = [*ENTRY, "run", "rough-terrain", "--view", "--out", str(Path(name) / "run")]
+        with running(command, stdout=PIPE, stderr=STDOUT, text=True) as run:
+            assert run.stdout is not None
+            url = next(line for line in run.stdout if line.startswith("view: ")).removeprefix("view: ").strip()
+            browser.go(url)
+            browser.wait("window.live?.painted?.length > 0", LONGEST_S)
+            standing = time.monotonic() - began
+            browser.run("window.begun = live.frame.base[0]")
+            browser.wait(f"live.frame.base[0] - begun > {metres}", LONGEST_S)
+            walking = time.monotonic() - began
+    print(f"load of the machine {os.getloadavg()[0]:.1f}, {os.cpu_count()} processors")
+    goal("first picture in the page", standing, unit="s")
+    goal("picture of the robot after its first steps", walking, "<=", 20.0, "s")
 
 
 def share_of(pid: int, seconds: float) -> float:
