@@ -44,8 +44,18 @@ def table_lines(
 
 
 def _cell(value: Any, coloured: bool) -> Cell:
-    text, look = value if isinstance(value, tuple) else (str(value), "")
+    text, look = value if isinstance(value, tuple) else (_text(value), "")
     return text, look if coloured else ""
+
+
+def _text(value: Any) -> str:
+    """Return a value as text; of a dict `name value, name value`, its numbers to four digits."""
+    if not isinstance(value, dict):
+        return str(value)
+    rows: dict[str, Any] = value
+    return ", ".join(
+        f"{name} {each:.4g}" if isinstance(each, float) else f"{name} {each}" for name, each in rows.items()
+    )
 
 
 def _widths(texts: Sequence[Sequence[str]], width: int | None, right: Sequence[int]) -> list[int] | None:

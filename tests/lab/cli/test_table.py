@@ -70,6 +70,11 @@ def test_a_row_of_a_pipe_is_one_line():
     assert len(list(table_lines(COLUMNS, table))) == 2 + len(table)
 
 
+def test_numbers_by_name_are_written_as_text():
+    (*_, line) = table_lines(["quantity", "value"], [["choice", {"r2": 0.43521891, "kind": "planes", "cells": 3}]])
+    assert line == "choice    r2 0.4352, kind planes, cells 3"
+
+
 def test_styles_are_written_for_terminals_only():
     row = [(("FAIL", "bold red"), "port")]
     assert "\x1b" not in "".join(table_lines(("", "what"), row, (), 40))
