@@ -162,7 +162,7 @@ def learn(
         rows = [asdict(row) for row in beside.rows]
         write_json({**facts, "held_back": beside.by, "compared": rows, "warning": beside.warning})
         return
-    write_table(("quantity", "value"), [(name.replace("_", " "), str(value)) for name, value in facts.items()])
+    write_table(("quantity", "value"), [(name.replace("_", " "), value) for name, value in facts.items()])
     header = ("predictor", "R2", "rank", "AUC", "80 % intervals hold")
     table = [(row.name, *(f"{v:.3f}" for v in (row.r2, row.rank, row.auc, row.held))) for row in beside.rows]
     write_table(header, table, f"on {beside.by} held back", right=(1, 2, 3, 4))
