@@ -17,6 +17,15 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "surefoot/bus/asking.py": ("tests/surefoot/bus/test_asking_rules.py", "tests/surefoot/bus/test_asking.py"),
     "surefoot/bus/flapping.py": ("tests/surefoot/bus/test_flapping.py", "tests/surefoot/bus/test_waiting.py"),
     "surefoot/bus/waiting.py": ("tests/surefoot/bus/test_waiting.py",),
+    "surefoot/bus/tokens.py": ("tests/surefoot/bus/test_tokens.py", "tests/surefoot/bus/test_witness.py"),
+    "surefoot/bus/heavy.py": ("tests/surefoot/bus/test_receive.py",),
+    "surefoot/bus/guard.py": ("tests/surefoot/bus/test_seals.py", "tests/surefoot/bus/test_seal_times.py"),
+    "surefoot/bus/seals.py": (
+        "tests/surefoot/bus/test_seals.py",
+        "tests/surefoot/bus/test_seal_times.py",
+        "tests/surefoot/bus/test_sealed_answers.py",
+    ),
+    "surefoot/bus/receive.py": ("tests/surefoot/bus/test_receiving.py",),
     "surefoot/bus/inbox.py": ("tests/surefoot/bus/test_inbox.py", "tests/surefoot/lockstep/test_overload.py"),
     "surefoot/bus/endpoint.py": ("tests/lab/cli/test_cli.py", "tests/surefoot/bus/test_endpoint.py"),
     "surefoot/files.py": ("tests/surefoot/test_files.py",),
@@ -34,6 +43,7 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "surefoot/robot/profiles.py": ("tests/surefoot/robot/test_profiles.py",),
     "schemas/base.py": ("tests/schemas",),
     "lab/report/judge.py": ("tests/lab/report",),
+    "lab/security/grants.py": ("tests/lab/security/test_grants.py",),
     "services/estimator/inputs/check.py": ("tests/services/estimator/inputs",),
     "services/estimator/inputs/clock.py": ("tests/services/estimator/inputs",),
     "services/estimator/inputs/external.py": (
@@ -55,6 +65,7 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "services/walker/orders.py": ("tests/services/walker/test_limits.py",),
     "services/walker/messages.py": ("tests/services/walker/test_limits.py",),
     "services/navigator/memory.py": ("tests/services/navigator/test_memory.py",),
+    "services/navigator/planning/zone_files.py": ("tests/services/navigator/planning/test_zones.py",),
     "services/navigator/planning/map_files.py": ("tests/services/navigator/planning",),
     "services/navigator/belief/landmark_files.py": (
         "tests/services/navigator/belief/test_landmark_files.py",

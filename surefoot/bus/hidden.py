@@ -71,8 +71,6 @@ class Merged:
 
     def public(self, life: Life) -> None:
         """Add a notice under the public key; it is ignored once that does not count any more."""
-        if self.closed:
-            return
         with self._lock:
             if not self.closed:
                 self._note(life, self._public, self._hidden)

@@ -25,7 +25,7 @@ THINNEST = 1e-3
 """Least spread of a polygon's corners across the line that fits them best, m; a smaller one is refused."""
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class ZoneInfo:
     """Entry of the list `zones` of a file."""
 

@@ -1,7 +1,9 @@
 """The grants follow the table: owners publish, readers subscribe, callers ask, servers serve, and nothing else."""
 
-from surefoot.lab.security.grants import ROUTER, Role, Verb, grants, limits
+from surefoot.bus.sizes import MAX_BULK_BYTES, MAX_JSON_BYTES
+from surefoot.lab.security.grants import ROUTER, Grant, Role, Verb, areas, grants, limits
 from surefoot.lab.security.settings import access_control
+from surefoot.lockstep.service import Service
 from surefoot.schemas.topics import CMD_ESTOP, CMD_JOINTS, QUERIES, TERRAIN_MAP, TOPICS
 from tests.lab.security.test_table import GRANTED, IDENTITIES, SYSTEM
 
@@ -47,6 +49,26 @@ def test_every_key_has_one_size_limit() -> None:
     assert len(found) == len(set(found))
     assert {topic.key for topic in TOPICS} <= set(found)
     assert TERRAIN_MAP.key in limits()[max(limits())]
+
+
+def test_only_keys_of_arrays_may_carry_as_much_as_a_map() -> None:
+    small, large = limits()[MAX_JSON_BYTES], limits()[MAX_BULK_BYTES]
+    assert {CMD_ESTOP.key, CMD_JOINTS.key} <= set(small)
+    assert TERRAIN_MAP.key in large
+    assert len(large) < len(small)
+
+
+def test_the_router_may_do_all_without_a_grant() -> None:
+    router = type("Router", (Service,), {"name": ROUTER})
+    assert grants([router], {}) == ()
+    assert {grant.identity for grant in grants([type("Other", (Service,), {"name": "other"})], {})} == {"other"}
+
+
+def test_the_areas_of_keys_are_all_and_each_first_word_that_all_leaves_out() -> None:
+    found = areas(
+        [Grant("walker", Verb.PUBLISH, key) for key in ("state/gait", "@frame/walker", "@live/a/*", "@live/b")]
+    )
+    assert found == ("**", "@frame/**", "@live/**")
 
 
 def test_the_rules_deny_by_default_and_name_each_identity_once() -> None:

@@ -4,10 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from surefoot.bus import seals
 from surefoot.bus.guard import Guard, Sealed
 from surefoot.bus.options import ZenohOptions
 from surefoot.bus.seals import (
     MOST_KNOWN,
+    SEAL,
     VARIABLE,
     born_ms,
     given_secret,
@@ -50,6 +52,12 @@ def test_a_name_with_another_digit_has_no_seal(place: int, digit: str) -> None:
 @pytest.mark.parametrize("seal", ["\ufffd" * 16, "e\u0301" * 8, "\x00" * 16])
 def test_a_name_that_is_not_ascii_has_no_seal(seal: str) -> None:
     assert born_ms(SECRET, "walker", sealed_name(SECRET, "walker")[:16] + seal) == 0
+
+
+@pytest.mark.parametrize(("secret", "more"), [("", ""), (SECRET, "0"), (SECRET, "0" * 16)])
+def test_a_hash_that_fits_makes_no_seal_without_a_secret_or_at_another_length(secret: str, more: str) -> None:
+    head = sealed_name(SECRET, "walker")[:-SEAL] + more
+    assert born_ms(secret, "walker", head + seals._hash(secret, "walker", head)) == 0
 
 
 @pytest.mark.parametrize("secret", ["x", "a" * 31, "A" * 32, "a" * 32 + "\n"])

@@ -2,14 +2,18 @@
 
 from collections import Counter
 from collections.abc import Iterable
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
 from surefoot.bus.interface import Life
 from surefoot.bus.memory import MemoryBus
-from surefoot.bus.tokens import MOST_ADDED, MOST_FOREIGN, MOST_NAMED, SERVICES, Foreign, given_services
+from surefoot.bus.seals import new_secret
+from surefoot.bus.tokens import LIVE, MOST_ADDED, MOST_FOREIGN, MOST_NAMED, SERVICES, Foreign, Tokens, given_services
 from surefoot.bus.unread import LinkTrouble
 from surefoot.bus.zenoh import ZenohBus, ZenohOptions
 from surefoot.lockstep.binding import Bindings
@@ -135,6 +139,77 @@ def test_few_strange_tokens_are_passed_on_and_each_that_was_is_passed_on_when_it
         assert len(passed) <= MOST_FOREIGN
     assert counts.total() == came
     assert len(counts) <= MOST_NAMED + 1
+
+
+def test_the_first_process_of_a_service_started_by_hand_is_not_counted_and_the_second_is() -> None:
+    counts = Counter[str]()
+    foreign = Foreign(("walker",), counts, ("mapper",))
+    assert foreign.passes(Life("mapper", "a", True))
+    assert foreign.passes(Life("mapper", "a", True))
+    assert counts == {}
+    assert foreign.passes(Life("mapper", "b", True))
+    assert counts == {"mapper": 1}
+
+
+def test_tokens_beyond_the_most_are_not_passed_on_when_they_come_and_when_they_go() -> None:
+    foreign = Foreign(("walker",), Counter())
+    names = [f"zz{number}" for number in range(2 * MOST_FOREIGN)]
+    assert [foreign.passes(Life(name, "x", True)) for name in names] == [k < MOST_FOREIGN for k in range(len(names))]
+    assert not foreign.passes(Life(names[-1], "x", False))
+    assert foreign.passes(Life(names[0], "x", False))
+
+
+class Session:
+    """Session of Zenoh that notes what is subscribed to."""
+
+    def __init__(self) -> None:
+        self.subscribed = list[str]()
+        self.handlers = dict[str, Any]()
+
+    def liveliness(self) -> Any:
+        return self
+
+    def declare_subscriber(self, key: str, handler: Any, **_: Any) -> Any:
+        self.subscribed.append(key)
+        self.handlers[key] = handler
+        return SimpleNamespace(undeclare=lambda: self.subscribed.remove(key))
+
+
+def test_a_name_is_subscribed_to_once_and_by_those_who_do_not_watch_all() -> None:
+    session: Any = Session()
+    tokens = Tokens(session, SYSTEM, everything=False)
+    tokens.watch(lambda life: None, None)
+    for _ in range(2):
+        for name in ("mapper", "walker", "no/name"):
+            tokens.add(name)
+    assert session.subscribed.count(f"{LIVE}/mapper/*") == session.subscribed.count(f"{LIVE}/walker/*") == 1
+    assert not any("no/name" in key for key in session.subscribed)
+    router: Any = Session()
+    tokens = Tokens(router, SYSTEM, everything=True, hidden="@h", secret=new_secret())
+    tokens.watch(lambda life: None, None)
+    for number in range(2 * MOST_ADDED):
+        tokens.add(f"zz{number}")
+    assert router.subscribed == [f"{LIVE}/*/*", "@h/*/*"]
+
+
+def test_where_all_added_names_have_a_process_no_further_one_is_added() -> None:
+    session: Any = Session()
+    tokens = Tokens(session, SYSTEM, everything=False)
+    tokens.watch(lambda life: None, None)
+    names = [f"zz{number}" for number in range(MOST_ADDED)]
+    for name in names:
+        tokens.add(name)
+        session.handlers[f"{LIVE}/{name}/*"].callback(token(name, zenoh.SampleKind.PUT))
+    tokens.add("mapper")
+    assert f"{LIVE}/mapper/*" not in session.subscribed
+    session.handlers[f"{LIVE}/zz3/*"].callback(token("zz3", zenoh.SampleKind.DELETE))
+    tokens.add("mapper")
+    assert f"{LIVE}/mapper/*" in session.subscribed
+    assert f"{LIVE}/zz3/*" not in session.subscribed
+
+
+def token(name: str, kind: zenoh.SampleKind) -> Any:
+    return SimpleNamespace(key_expr=f"{LIVE}/{name}/1", kind=kind)
 
 
 def test_health_counts_each_strange_token(monkeypatch: pytest.MonkeyPatch, system: Net) -> None:
