@@ -25,6 +25,7 @@ GUARDS: dict[str, tuple[str, ...]] = {
         "tests/surefoot/bus/test_seal_times.py",
         "tests/surefoot/bus/test_sealed_answers.py",
     ),
+    "surefoot/bus/seal_times.py": ("tests/surefoot/bus/test_seal_times.py",),
     "surefoot/bus/receive.py": ("tests/surefoot/bus/test_receiving.py",),
     "surefoot/bus/inbox.py": ("tests/surefoot/bus/test_inbox.py", "tests/surefoot/lockstep/test_overload.py"),
     "surefoot/bus/endpoint.py": ("tests/lab/cli/test_cli.py", "tests/surefoot/bus/test_endpoint.py"),
@@ -34,6 +35,16 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "surefoot/record/csv_table.py": ("tests/surefoot/record",),
     "surefoot/record/tables.py": ("tests/surefoot/record", "tests/surefoot/test_npz.py"),
     "surefoot/record/recording.py": ("tests/surefoot/record",),
+    "surefoot/arguments.py": (
+        "tests/surefoot/test_library_edges.py",
+        "tests/surefoot/test_arguments.py",
+    ),
+    "surefoot/geometry/heightmap.py": (
+        "tests/surefoot/geometry/test_heightmap.py",
+        "tests/surefoot/geometry/test_heightmap_files.py",
+        "tests/surefoot/test_library_edges.py",
+        "tests/services/footholds/test_patch.py",
+    ),
     "surefoot/geometry/heightmap_files.py": (
         "tests/surefoot/geometry/test_heightmap_files.py",
         "tests/surefoot/test_npz.py",
@@ -44,6 +55,9 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "schemas/base.py": ("tests/schemas",),
     "lab/report/judge.py": ("tests/lab/report",),
     "lab/security/grants.py": ("tests/lab/security/test_grants.py",),
+    "lab/view/door.py": ("tests/lab/view/test_door.py",),
+    "lab/view/server.py": ("tests/lab/view/test_server.py",),
+    "lab/robots/untrusted.py": ("tests/lab/robots/test_untrusted.py",),
     "services/estimator/inputs/check.py": ("tests/services/estimator/inputs",),
     "services/estimator/inputs/clock.py": ("tests/services/estimator/inputs",),
     "services/estimator/inputs/external.py": (
@@ -77,6 +91,10 @@ GUARDS: dict[str, tuple[str, ...]] = {
         "tests/services/navigator/test_ends.py",
     ),
     "services/footholds/models/files.py": ("tests/services/footholds/models/test_model_files.py",),
+    "services/simulator/queries.py": (
+        "tests/services/simulator/test_service.py",
+        "tests/services/simulator/test_live.py",
+    ),
     "services/simulator/physics/command.py": (
         "tests/services/simulator/test_command.py",
         "tests/services/simulator/test_torque_limit.py",

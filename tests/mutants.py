@@ -22,6 +22,7 @@ import resource
 import signal
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -216,6 +217,7 @@ class _Lines:
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self.taken = {}
+        threading.settrace(self._trace)  # of servers that tests start
         sys.settrace(self._trace)
 
     def pytest_runtest_logreport(self, report: Any) -> None:
@@ -224,6 +226,7 @@ class _Lines:
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         sys.settrace(None)
+        threading.settrace(None)  # type: ignore[arg-type]
         if nodeid in self.found:
             taken = {module: sorted(lines) for module, lines in self.taken.items()}
             self.found[nodeid] = (self.found[nodeid][0], taken)

@@ -105,8 +105,8 @@ class HeightMap:
     def _places(value: Any, field: str) -> NDArray[np.float64]:
         """Return coordinates, m, as an array of their shape (raises HeightMapError: no numbers)."""
         try:
-            if np.asarray(value).dtype.kind in NO_NUMBERS:
-                raise TypeError("complex, text or times")
+            if value is None or np.asarray(value).dtype.kind in NO_NUMBERS:
+                raise TypeError("none, complex, text or times")
             return np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             raise HeightMapError(field, f"got {shown(value)}, expected numbers in m") from None
@@ -219,7 +219,7 @@ class HeightMap:
             HeightMapError: x or y is no number.
         """
         try:
-            return cells.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x), float(y))
+            return cells.bilinear(self.z, self.cell, self.origin[0], self.origin[1], float(x + 0.0), float(y + 0.0))
         except (TypeError, ValueError, OverflowError):
             for value, field in ((x, "x"), (y, "y")):
                 self._places(value, field)

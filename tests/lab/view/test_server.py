@@ -17,7 +17,7 @@ from surefoot.lab.scene.film import UNITS_PER_M, frame
 from surefoot.lab.scene.pages import LAYOUT
 from surefoot.lab.view import server as serving
 from surefoot.lab.view.newest import NewestScene, robot_behind
-from surefoot.lab.view.server import BODY_BYTES, HOST, ViewServer
+from surefoot.lab.view.server import BODY_BYTES, HOST, READERS, ViewServer
 from surefoot.robot.reader import load_robot
 from surefoot.schemas.system import LogRecord
 from surefoot.schemas.topics import LOG
@@ -91,12 +91,34 @@ def test_over_ssh_it_prints_the_tunnel():
     assert not tunnel(7480, {})
 
 
-@pytest.mark.parametrize("body", ["", "[]", "{", '{"action": 1, "fields": []}', "x" * (BODY_BYTES + 1)])
-def test_a_malformed_order_is_refused(server, client, body):
-    status, text = ask(server, "POST", "/do", body=body)
-    assert status in (400, 413)
+@pytest.mark.parametrize(("body", "refusal", "headers"), [
+    ("", 400, {}), ("[]", 400, {}), ("{", 400, {}), ('{"action": 1, "fields": []}', 400, {}),
+    ("x" * (BODY_BYTES + 1), 413, {}), ("{}", 413, {"Content-Length": "-1"}), ("{}", 413, {"Content-Length": "two"}),
+])  # fmt: skip
+def test_a_malformed_order_is_refused(server, client, body, refusal, headers):
+    status, text = ask(server, "POST", "/do", body=body, **headers)
+    assert status == refusal
     assert text.count("\n") == 1
     assert not client.calls
+
+
+def test_orders_have_one_path_and_a_recording_takes_none(server, client):
+    for path in ("/", "/head", "/stop"):
+        assert ask(server, "POST", path, body='{"action": "pause"}')[0] == 404
+    assert not client.calls
+    recorded = ViewServer("<html>", None, 0)
+    try:
+        assert ask(recorded, "POST", "/do", body='{"action": "pause"}') == (404, "a recording takes no orders\n")
+        assert ask(recorded, path="/events")[0] == ask(recorded, path="/head")[0] == 404
+    finally:
+        recorded.close()
+
+
+def test_more_pages_than_may_look_are_refused(server):
+    places = [server.readers.acquire(blocking=False) for _ in range(READERS)]
+    assert all(places)
+    assert ask(server, path="/events") == (503, f"{READERS} pages look already\n")
+    assert ask(server, path="/nothing")[0] == 404
 
 
 def test_buttons_reach_the_simulator_and_a_refusal_is_a_sentence(server, client, stops):

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from typing import Any
 
 import mujoco
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from surefoot.geometry import heightmap
 from surefoot.geometry.heightmap import HeightMap, HeightMapError
 from tests.surefoot.expect import expect_error
 from tests.surefoot.geometry.maps import CELL, bumpy, same, with_hole
@@ -213,3 +215,43 @@ def test_wrong_headers_are_refused_by_field(field: str, changes: dict[str, objec
     with expect_error(HeightMapError, field=field):
         header = {key: value for key, value in (ground.header() | changes).items() if value is not ABSENT}
         HeightMap.from_wire(header, ground.to_bytes())
+
+
+def test_cells_outside_of_any_side_are_not_inside() -> None:
+    ground = HeightMap(z=np.zeros((2, 3), np.float32), cell=0.1)
+    for row in range(-1, 3):
+        for col in range(-1, 4):
+            assert ground.inside(row, col) == (row in (0, 1) and col in (0, 1, 2))
+
+
+def test_maps_have_as_many_cells_as_are_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(heightmap, "MAX_CELLS", 6)
+    assert HeightMap(z=np.zeros((2, 3), np.float32), cell=0.1).z.size == 6
+    for shape in ((7, 1), (0, 3), (3, 0)):
+        with pytest.raises(HeightMapError, match=re.escape(f"got shape {shape}")):
+            HeightMap(z=np.zeros(shape, np.float32), cell=0.1)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(0, 1), (1, 0), (-1, -1), (1 << 20, 1 << 20)])
+def test_a_header_of_no_cells_or_too_many_is_refused(rows: int, cols: int) -> None:
+    header = {"frame": "map", "rows": rows, "cols": cols, "cell": 0.1, "origin": [0.0, 0.0]}
+    with pytest.raises(HeightMapError, match="rows, cols"):
+        HeightMap.from_wire(header, b"")
+
+
+def test_text_that_is_no_base64_is_refused() -> None:
+    header = {"frame": "map", "rows": 1, "cols": 1, "cell": 0.1, "origin": [0.0, 0.0]}
+    with pytest.raises(HeightMapError, match="no base64"):
+        HeightMap.from_base64(header, "?")
+
+
+@pytest.mark.parametrize("value", ["1", 1j, np.datetime64("2026-01-01"), None, [[1], [1, 2]]], ids=repr)
+def test_places_that_are_no_numbers_and_shapes_that_do_not_go_together_are_refused(value: Any) -> None:
+    ground = HeightMap(z=np.zeros((2, 3), np.float32), cell=0.1)
+    for x, y in ((value, 0.0), (0.0, value)):
+        with pytest.raises(HeightMapError, match="expected numbers"):
+            ground.height(x, y)
+        with pytest.raises(HeightMapError, match="expected"):
+            ground.height_at(x, y)
+    with pytest.raises(HeightMapError, match="go together"):
+        ground.height(np.zeros(2), np.zeros(3))
