@@ -56,7 +56,6 @@ GUARDS: dict[str, tuple[str, ...]] = {
     "lab/report/judge.py": ("tests/lab/report",),
     "lab/security/grants.py": ("tests/lab/security/test_grants.py",),
     "lab/view/door.py": ("tests/lab/view/test_door.py",),
-    "lab/view/server.py": ("tests/lab/view/test_server.py",),
     "lab/robots/untrusted.py": ("tests/lab/robots/test_untrusted.py",),
     "services/estimator/inputs/check.py": ("tests/services/estimator/inputs",),
     "services/estimator/inputs/clock.py": ("tests/services/estimator/inputs",),

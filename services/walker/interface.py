@@ -145,6 +145,8 @@ class FootholdReply:
     """Foothold chosen for one leg, or the reason why there is none."""
 
     status: Literal["ok", "raise_trunk", "infeasible", "no_answer"]
+    """ok: chosen; raise_trunk: in reach after `trunk_shift`; infeasible: there is none; no_answer: the service did not
+    reply, and `foothold` is the nominal one."""
     foothold: Vec3 | None = None
     """Chosen landing of the foot CENTRE, map frame, m; None = no foothold was found."""
     trunk_shift: float = 0.0

@@ -111,7 +111,10 @@ def matrices(position: Array, normal: Array, mu: Array) -> tuple[Array, Array, A
 
 
 def reduce(contacts: ContactSet) -> tuple[Reduced, Subspace | None]:
-    """Return the reduced programs of a set of at least one contact; the subspace is None with ordinary friction."""
+    """Return the cone programs of at least one contact in a scaled frame, and the subspace of their unknowns.
+
+    The subspace is None unless a contact has unlimited friction or less than `SMALL_MU`, or all lie on a vertical line.
+    """
     each = contacts.mu.tolist()
     least, most = min(each), max(each)
     mu = contacts.mu if least >= SMALL_MU else np.where(contacts.mu < SMALL_MU, 0.0, contacts.mu)

@@ -8,7 +8,7 @@ import pytest
 from surefoot.lab.robots.compare import differences
 from surefoot.lab.robots.folder import import_robot
 from surefoot.lab.robots.notes import SOURCE
-from surefoot.lab.robots.untrusted import MOST_BYTES, parsed
+from surefoot.lab.robots.untrusted import MOST_BYTES, MOST_DEPTH, MOST_ELEMENTS, parsed
 from surefoot.robot.description import RobotError
 from tests.lab.robots.test_import import BAD, MJCF, TRUNK, URDF
 
@@ -114,6 +114,16 @@ def test_an_entity_bomb_costs_neither_time_nor_memory(inside):
         import_robot(inside / "toy.xml", inside / "out")
     assert time.process_time() - start < 1.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 32 * 1024  # KiB
+
+
+@pytest.mark.parametrize(("content", "words"), [
+    ("<a/>".encode("utf-16"), "bytes of zero"), (b"<a>\0</a>", "bytes of zero"),
+    (b"<a>" * (MOST_DEPTH + 1) + b"</a>" * (MOST_DEPTH + 1), f"{MOST_DEPTH} levels"),
+    (b"<a>" + b"<b/>" * MOST_ELEMENTS + b"</a>", str(MOST_ELEMENTS)),
+], ids=["utf-16", "zero", "deep", "many"])  # fmt: skip
+def test_text_that_hides_declarations_or_is_too_deep_or_has_too_many_elements_is_refused(content, words):
+    with pytest.raises(RobotError, match=words):
+        parsed(content)
 
 
 def test_the_limit_of_bytes_holds_for_a_file_and_all_that_it_includes(inside):

@@ -68,3 +68,8 @@ def test_a_report_that_was_overtaken_is_late_and_one_that_comes_again_is_forged(
     assert (guard.late(), guard.forged()) == ([(key, 1)], [])
     assert not guard.passes("walker", second)
     assert (guard.late(), guard.forged()) == ([], [(key, 1)])
+
+
+def test_before_the_first_message_no_time_is_late() -> None:
+    assert SealTimes().fault(0) == "replayed"
+    assert SealTimes().fault(1) == ""
