@@ -90,10 +90,7 @@ GUARDS: dict[str, tuple[str, ...]] = {
         "tests/services/navigator/test_ends.py",
     ),
     "services/footholds/models/files.py": ("tests/services/footholds/models/test_model_files.py",),
-    "services/simulator/queries.py": (
-        "tests/services/simulator/test_service.py",
-        "tests/services/simulator/test_live.py",
-    ),
+    "services/simulator/queries.py": ("tests/services/simulator/test_service.py",),
     "services/simulator/physics/command.py": (
         "tests/services/simulator/test_command.py",
         "tests/services/simulator/test_torque_limit.py",

@@ -224,7 +224,7 @@ class HeightMap:
             for value, field in ((x, "x"), (y, "y")):
                 self._places(value, field)
                 self._argument(array, value, field, (), "m", nan=True, inf=True)
-            raise
+            return float(self.height(x, y))  # a number that is added to none, as Decimal
 
     def patch(self, x: float, y: float, n: int) -> NDArray[np.float32]:
         """Return a copy of the n x n heights about the cell that holds (x, y) m, n odd, (n, n) m, frame `map`.

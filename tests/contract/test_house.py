@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests import house
+from tests.guards import GUARDS
 
 ALLOWED = json.loads(house.ALLOWED.read_text(encoding="utf-8"))
 
@@ -103,3 +104,8 @@ def test_all_docstrings_of_the_product_are_seen() -> None:
     file = next(each for each in house.sources() if each.name == "schemas/rows.py")
     fields = sum(isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) for node in ast.walk(file.tree))
     assert len(list(file.docstrings())) == fields > 10
+
+
+def test_guards_and_the_tests_that_notice_them_exist() -> None:
+    named = {*GUARDS, *(path for paths in GUARDS.values() for path in paths)}
+    assert not [path for path in named if not (house.ROOT / path).exists()]

@@ -3,6 +3,8 @@
 import json
 import math
 import re
+from decimal import Decimal
+from fractions import Fraction
 from typing import Any
 
 import mujoco
@@ -255,3 +257,10 @@ def test_places_that_are_no_numbers_and_shapes_that_do_not_go_together_are_refus
             ground.height_at(x, y)
     with pytest.raises(HeightMapError, match="go together"):
         ground.height(np.zeros(2), np.zeros(3))
+
+
+def test_a_number_of_another_kind_is_the_same_place() -> None:
+    ground = HeightMap(z=np.arange(6, dtype=np.float32).reshape(2, 3), cell=0.5)
+    kinds: tuple[Any, ...] = (Decimal, Fraction, np.float32, np.float64)
+    for kind in kinds:
+        assert ground.height_at(kind(0.75), kind(0.25)) == ground.height_at(0.75, 0.25)
