@@ -1,5 +1,6 @@
 """Records that lie about themselves: a wrong checksum, a wrong length, or a summary that counts nothing."""
 
+import random
 import struct
 import zlib
 from io import BytesIO
@@ -14,7 +15,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from surefoot.errors import SurefootError
 from surefoot.record.check import Findings, check
 from surefoot.record.chunks import MAGIC
-from surefoot.record.recording import Recorded, open_readable, recording_info
+from surefoot.record.recording import Recorded, open_readable, read_recording, recording_info
 from tests.surefoot.expect import expect_error
 
 NO_SUMMARY = {
@@ -92,3 +93,17 @@ def test_a_whole_recording_without_chunks_is_read(tmp_path):
     path = tmp_path / "run.mcap"
     path.write_bytes(written(use_chunking=False))
     assert [item.stamp_ns for item in open_readable(path).messages()] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_messages_of_overlapping_chunks_come_in_the_order_of_the_librarys_reader(tmp_path: Path, seed: int) -> None:
+    draw, path, stamp = random.Random(seed), tmp_path / "run.mcap", 0
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=draw.choice((60, 200, 2000)))
+        writer.start()
+        channels = [writer.register_channel(f"t/{k}", "json", 0) for k in range(3)]
+        for number in range(draw.randrange(1, 200)):
+            stamp = max(0, stamp + draw.choice((0, 1, 5, -20, 40)))
+            writer.add_message(draw.choice(channels), stamp, b"%d" % number, stamp, number)
+        writer.finish()
+    assert list(open_readable(path).messages()) == list(read_recording(path))
